@@ -1,0 +1,1 @@
+"""Drivers for real hardware, one module per device family."""

@@ -1,0 +1,1 @@
+"""Pure recognition: invariants, pose, model base, detectors, belief, policies and the loop."""

@@ -1,0 +1,1 @@
+"""Detectors of parts, found through the entry-point group ``rig.detectors``."""

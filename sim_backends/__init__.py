@@ -1,0 +1,1 @@
+"""Rigs without hardware: image grids, rendered scenes and wire-level emulators."""
