@@ -1,0 +1,1 @@
+"""Placeholder until the paper's detector lands."""
