@@ -1,0 +1,90 @@
+"""What a user may choose about a recognition, as one frozen value."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from recognition.geometry import Mount
+from rig.errors import InputError
+
+Mode = Literal["graded", "paper"]
+
+
+@dataclass(frozen=True, slots=True)
+class BenchBounds:
+    """Weak bounds that every bench has; they settle the scale that a single view leaves open (design §4).
+
+    Attributes:
+        distance_min_mm: no part that is seen is nearer to the camera than this.
+        distance_max_mm: no part that is seen is farther from the camera than this.
+        view_angle_min_deg: the lens's narrowest horizontal angle of view.
+        view_angle_max_deg: the lens's widest horizontal angle of view.
+    """
+
+    distance_min_mm: float = 50.0
+    distance_max_mm: float = 100_000.0
+    view_angle_min_deg: float = 2.0
+    view_angle_max_deg: float = 120.0
+
+    def __post_init__(self) -> None:
+        _check_range("distance_mm", self.distance_min_mm, self.distance_max_mm, math.inf)
+        _check_range("view_angle_deg", self.view_angle_min_deg, self.view_angle_max_deg, 180.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RecogniserSettings:
+    """How to recognise.
+
+    Attributes:
+        mode: ``graded`` is the default likelihood of design §4, ``paper`` the paper to the letter.
+        policy: name in the entry-point group ``rig.policies``.
+        threshold: the run may end when one configuration holds this much probability, in (0, 1].
+        max_views: views after which the run ends whatever is left.
+        seed: of the random generator; the same seed gives the same run.
+        detector: name in the entry-point group ``rig.detectors``.
+        pose_sd_mm: go on until the camera's position is this sure, mm; ``None``: do not ask.
+        pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask.
+        bounds: what the bench knows about distances and the lens.
+        mount: how the camera hangs on the rig.
+
+    Raises:
+        InputError: a value is out of its range; names option, value and range.
+    """
+
+    mode: Mode = "graded"
+    policy: str = "information"
+    threshold: float = 0.99
+    max_views: int = 12
+    seed: int = 0
+    detector: str = "segmentation"
+    pose_sd_mm: float | None = None
+    pose_sd_deg: float | None = None
+    bounds: BenchBounds = field(default_factory=BenchBounds)
+    mount: Mount = field(default_factory=Mount)
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("graded", "paper"):
+            raise InputError(f"unknown mode {self.mode!r}", where="--mode", remedy="Choose graded or paper")
+        # `not (a <= v)` rather than `v < a`: NaN must not pass.
+        if not 0.0 < self.threshold <= 1.0:
+            raise InputError(
+                f"{self.threshold} is not a probability above 0 and up to 1", where="--threshold", remedy="Try 0.99"
+            )
+        if not self.max_views >= 1:
+            raise InputError(f"{self.max_views} views are too few", where="--max-views", remedy="Give 1 or more")
+        if not self.seed >= 0:
+            raise InputError(f"{self.seed} is negative", where="--seed", remedy="Give 0 or more")
+        for name, value in (("--pose-sd-mm", self.pose_sd_mm), ("--pose-sd-deg", self.pose_sd_deg)):
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{value} is not a positive number", where=name, remedy="Give a value above 0")
+
+
+def _check_range(name: str, lower: float, upper: float, limit: float) -> None:
+    if not 0.0 < lower < upper <= limit:
+        raise InputError(
+            f"{lower}..{upper} is not a range of positive values in rising order",
+            where=name,
+            remedy=f"Give 0 < lower < upper{f' <= {limit:g}' if math.isfinite(limit) else ''}",
+        )
