@@ -8,12 +8,12 @@ rotation from the left), d (3, mm), then, where asked for, roll and pitch of the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from recognition.geometry import rotation_y
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -52,19 +52,31 @@ class State:
 
     def where(self, chosen: npt.NDArray[np.bool_], other: State) -> State:
         """This state where ``chosen`` (H,), else ``other``."""
+        return self._map(lambda a, b: np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b), other)
 
-        def pick(a: FloatArray | None, b: FloatArray | None) -> FloatArray | None:
-            return None if a is None or b is None else np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+    def take(self, index: IntArray) -> State:
+        """The state of some of the hypotheses."""
+        return self._map(lambda a, _: a[index], self)
 
-        rotation, shift = pick(self.rotation, other.rotation), pick(self.shift, other.shift)
-        assert rotation is not None
-        assert shift is not None
-        return State(rotation, shift, pick(self.tilt, other.tilt), pick(self.radial, other.radial))
+    def put(self, index: IntArray, part: State) -> State:
+        """This state with that of some hypotheses replaced."""
+        return self._map(lambda a, b: replaced(a, index, b), part)
+
+    def _map(self, change: Callable[[Any, Any], FloatArray], other: State) -> State:
+        names = [name for name in State.__slots__ if getattr(self, name) is not None]
+        return State(**{name: change(getattr(self, name), getattr(other, name)) for name in names})
+
+
+def replaced(whole: npt.NDArray[Any], index: IntArray, part: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A copy with the rows at ``index`` replaced."""
+    out = whole.copy()
+    out[index] = part
+    return out
 
 
 @dataclass(frozen=True, slots=True)
 class Normalised:
-    """``xy`` two (H, N) arrays, ``dxy`` their two (H, N, P) derivatives, ``depth`` (H, N) mm."""
+    """Coordinates ``x``, ``y`` (H, N), their derivatives ``dx``, ``dy`` (H, P, N), and ``depth`` (H, N) mm."""
 
     x: FloatArray
     y: FloatArray
@@ -166,14 +178,4 @@ def _divide(
         dx = [a * grow + x * k * d for a, d in zip(dx, dr2, strict=True)] + [x * r2]
         dy = [b * grow + y * k * d for b, d in zip(dy, dr2, strict=True)] + [y * r2]
         x, y = x * grow, y * grow
-    return Normalised(x, y, np.stack(dx, axis=-1), np.stack(dy, axis=-1), Z)
-
-
-def cameras_array(poses: FloatArray) -> FloatArray:
-    """``(V, 4)`` cameras given as (theta_deg, x, y, z) in mm, with theta in radians."""
-    out = np.array(poses, dtype=np.float64)
-    out[:, 0] = np.radians(out[:, 0])
-    return out
-
-
-__all__ = ["Normalised", "State", "cameras_array", "cross_matrix", "normalise", "rotation_exp", "rotation_y"]
+    return Normalised(x, y, np.stack(dx, axis=1), np.stack(dy, axis=1), Z)

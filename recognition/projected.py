@@ -8,12 +8,13 @@ Gauss-Newton step as Kaufman's variable projection, and the marginal information
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from recognition.internals import add_priors, prior_cost, solve_pairs
-from recognition.motion import IntArray, Normalised, State, normalise
+from recognition.motion import IntArray, Normalised, State, normalise, replaced
 from recognition.priors import Priors
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,12 +70,19 @@ class Linearised:
 
     def where(self, chosen: BoolArray, other: Linearised) -> Linearised:
         """This evaluation where ``chosen`` (H,), else ``other``."""
-        return Linearised(
-            *(
-                np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
-                for a, b in ((getattr(self, n), getattr(other, n)) for n in Linearised.__slots__)
-            )
-        )
+        pairs = zip(self._arrays(), other._arrays(), strict=True)
+        return Linearised(*(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+
+    def take(self, index: IntArray) -> Linearised:
+        """The evaluation of some of the hypotheses."""
+        return Linearised(*(a[index] for a in self._arrays()))
+
+    def put(self, index: IntArray, part: Linearised) -> Linearised:
+        """This evaluation with those of some hypotheses replaced."""
+        return Linearised(*(replaced(a, index, b) for a, b in zip(self._arrays(), part._arrays(), strict=True)))
+
+    def _arrays(self) -> list[npt.NDArray[Any]]:
+        return [getattr(self, name) for name in Linearised.__slots__]
 
 
 def linearise(problem: Problem, state: State, before: Linearised | None) -> Linearised:
@@ -117,11 +125,12 @@ def _data_cost(problem: Problem, residuals: FloatArray) -> FloatArray:
 
 
 def _per_group(problem: Problem, values: FloatArray) -> FloatArray:
-    """Sums over the points of each group: ``(H, N, K)`` -> ``(H, G, K)``."""
+    """Sums over the points of each group: ``(H, K, N)`` -> ``(H, G, K)``."""
+    h, k, n = values.shape
     if problem.groups == 1:
-        return np.asarray(values.sum(axis=1)[:, None, :])
-    one_hot = (problem.group[:, None, :] == np.arange(problem.groups)[:, None]).astype(np.float64)
-    return np.asarray(one_hot @ values)
+        return np.asarray((values.reshape(-1, n) @ np.ones(n)).reshape(h, 1, k))
+    one_hot = (problem.group[:, :, None] == np.arange(problem.groups)).astype(np.float64)
+    return np.asarray((values @ one_hot).transpose(0, 2, 1))
 
 
 def _per_point(problem: Problem, internals: FloatArray) -> FloatArray:
@@ -134,7 +143,7 @@ def _per_point(problem: Problem, internals: FloatArray) -> FloatArray:
 def _inner_hessian(problem: Problem, seen: Normalised, w: FloatArray) -> FloatArray:
     """The data's ``(H, G, 4, 4)`` in the internals (fx, fy, u0, v0)."""
     wx, wy = w * seen.x, w * seen.y
-    sums = _per_group(problem, np.stack([wx * seen.x, wx, wy * seen.y, wy, w], axis=-1))
+    sums = _per_group(problem, np.stack([wx * seen.x, wx, wy * seen.y, wy, w], axis=1))
     hessian = np.zeros((*sums.shape[:2], 4, 4))
     for k, (a, b) in enumerate([(0, 0), (0, 2), (1, 1), (1, 3)]):
         hessian[..., a, b] = hessian[..., b, a] = sums[..., k]
@@ -146,7 +155,7 @@ def _solve_internals(problem: Problem, seen: Normalised, w: FloatArray, before: 
     """The internals ``(H, G, 4)`` that fit best at the given coordinates; priors are linearised at the last ones."""
     data = _inner_hessian(problem, seen, w)
     u, v = problem.pixels[..., 0] * w, problem.pixels[..., 1] * w
-    rhs = _per_group(problem, np.stack([seen.x * u, seen.y * v, u, v], axis=-1))
+    rhs = _per_group(problem, np.stack([seen.x * u, seen.y * v, u, v], axis=1))
     if before is None:
         internals = solve_pairs(data, rhs[..., None])[..., 0]
     if problem.priors is None:
@@ -177,19 +186,18 @@ def _outer_equations(
     problem: Problem, seen: Normalised, w: FloatArray, residuals: FloatArray, each: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Data part of the joint normal equations: pose-pose, pose gradient, internals-pose, internals gradient."""
-    root = np.sqrt(w)[..., None]
-    ju, jv = root * each[..., 0, None] * seen.dx, root * each[..., 1, None] * seen.dy
-    ru, rv = root * residuals[..., :1], root * residuals[..., 1:]
-    rows = np.concatenate([ju, jv], axis=1)
-    turned = rows.transpose(0, 2, 1)
-    pose = turned @ rows
-    gradient = -(turned @ np.concatenate([ru, rv], axis=1))[..., 0]
-    p = ju.shape[-1]
-    ju, jv, ru, rv = root * ju, root * jv, root * ru, root * rv
-    x, y = seen.x[..., None], seen.y[..., None]
-    sums = _per_group(problem, np.concatenate([x * ju, y * jv, ju, jv, x * ru, y * rv, ru, rv], axis=-1))
-    mixed = sums[..., : 4 * p].reshape(*sums.shape[:2], 4, p)
-    return pose, gradient, mixed, -sums[..., 4 * p :]
+    root = np.sqrt(w)
+    ju, jv = (root * each[..., 0])[:, None] * seen.dx, (root * each[..., 1])[:, None] * seen.dy
+    ru, rv = root * residuals[..., 0], root * residuals[..., 1]
+    rows = np.concatenate([ju, jv], axis=2)
+    pose = rows @ rows.transpose(0, 2, 1)
+    gradient = -(rows @ np.concatenate([ru, rv], axis=1)[..., None])[..., 0]
+    h, p, _ = ju.shape
+    mixed = np.empty((h, problem.groups, 4, p))
+    for k, (column, j) in enumerate([(root * seen.x, ju), (root * seen.y, jv), (root, ju), (root, jv)]):
+        mixed[:, :, k] = _per_group(problem, column[:, None] * j)
+    inner = np.stack([root * seen.x * ru, root * seen.y * rv, root * ru, root * rv], axis=1)
+    return pose, gradient, mixed, -_per_group(problem, inner)
 
 
 def _add_state_priors(problem: Problem, state: State, information: FloatArray, gradient: FloatArray) -> FloatArray:

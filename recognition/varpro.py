@@ -116,12 +116,24 @@ def start_state(rotation: FloatArray, shift: FloatArray, priors: Priors | None) 
 def minimise(problem: Problem, state: State, iterations: int, tolerance: float) -> tuple[State, Linearised, BoolArray]:
     """Levenberg-Marquardt on all hypotheses at once; a step that raises the cost, or puts a point behind, is undone."""
     fit = linearise(problem, state, None)
-    lam = np.full(len(fit.cost), 1e-3)
+    return _descend(problem, state, fit, np.full(len(fit.cost), 1e-3), iterations, tolerance)
+
+
+def _descend(
+    problem: Problem, state: State, fit: Linearised, lam: FloatArray, iterations: int, tolerance: float
+) -> tuple[State, Linearised, BoolArray]:
     converged = np.zeros(len(lam), dtype=bool)
-    for _ in range(iterations):
+    for done in range(iterations):
         step, promise = _damped_step(fit, lam)
         converged = promise < tolerance
-        if converged.all():
+        going = np.flatnonzero(~converged)
+        if 2 * len(going) <= len(lam):
+            # Most have arrived: go on with the others alone, for time is linear in their number.
+            if len(going) > 0:
+                left = problem.take(going), state.take(going), fit.take(going), lam[going]
+                sub_state, sub_fit, sub_converged = _descend(*left, iterations - done, tolerance)
+                state, fit = state.put(going, sub_state), fit.put(going, sub_fit)
+                converged[going] = sub_converged
             break
         moved = state.moved(step)
         trial = linearise(problem, moved, fit)
