@@ -14,7 +14,9 @@ from pydantic import BaseModel, ValidationError
 
 from rig.errors import InputError
 from rig.schema_words import Location, Wording, describe
+from rig.schema_words import did_you_mean as did_you_mean
 from rig.strictyaml import Mark, StrictReader
+from rig.strictyaml import plain_scalar as plain_scalar
 
 BENCH_MAX_BYTES = 256 * 1024
 MODEL_BASE_MAX_BYTES = 64 * 1024 * 1024
