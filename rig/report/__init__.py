@@ -1,1 +1,5 @@
-"""The self-contained HTML report of a run."""
+"""``report.html``: one self-contained page about a run, made from its folder alone."""
+
+from rig.report.page import write_report
+
+__all__ = ["write_report"]

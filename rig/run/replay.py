@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -31,7 +31,7 @@ class RunRecord:
         steps: the views, pictures included.
         reasons: why each view was taken, one sentence a step.
         answer: the end; outcome ``aborted`` where a partial record was allowed.
-        objects: the outlines kept with the run (``objects.json``); empty if there are none.
+        objects: the outlines kept with the run (``objects.json``), corners as ``(n, 3)`` mm; empty if there are none.
     """
 
     folder: Path
@@ -204,14 +204,28 @@ class _Journal:
         return InputError(message, where=self.place, remedy=remedy)
 
 
+def _outline(data: Mapping[str, Any]) -> dict[str, Any]:
+    corners = np.array(data["corners_mm"], dtype=np.float64).reshape(-1, 3)
+    if len(corners) < 3 or not np.isfinite(corners).all():
+        raise ValueError(f"{data['id']!r} has no outline")
+    return {"id": str(data["id"]), "corners_mm": corners}
+
+
 def _objects(folder: Path) -> tuple[dict[str, Any], ...]:
     path = folder / "objects.json"
     if not path.exists():
         return ()
     try:
         objects = json.loads(path.read_text(encoding="utf-8"))["objects"]
-        return tuple({"id": str(item["id"]), "faces": item["faces"], "parts": item["parts"]} for item in objects)
-    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+        return tuple(
+            {
+                "id": str(item["id"]),
+                "faces": [_outline(face) for face in item["faces"]],
+                "parts": [_outline(part) | {"face": str(part["face"] or "")} for part in item["parts"]],
+            }
+            for item in objects
+        )
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, IndexError) as error:
         raise InputError(
             f"cannot be read ({error})", where=str(path), remedy="Delete it: the report then has no plan"
         ) from error
