@@ -22,6 +22,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 _MIN_DEPTH_MM = 1e-3
 _FALLBACK_FOCAL_PX = 1000.0
+_FURTHEST = 2000.0
+"""Depth in extents of the points beyond which a fit is refused: a camera at infinity often fits, and is never meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,13 @@ class Linearised:
     gradient: FloatArray  # (H, P)
     residuals: FloatArray  # (H, N, 2)
     inner_hessian: FloatArray  # (H, G, 4, 4)
-    in_front: BoolArray  # (H,)
+    in_front: BoolArray  # (H,) and not absurdly far
+
+    @property
+    def valid(self) -> BoolArray:
+        """``(H,)`` all points in front, no focal length negative (0 is undetermined), everything finite."""
+        positive = np.all(self.internals[..., :2] >= 0, axis=(1, 2))
+        return np.asarray(self.in_front & positive & np.isfinite(self.cost))
 
     def where(self, chosen: BoolArray, other: Linearised) -> Linearised:
         """This evaluation where ``chosen`` (H,), else ``other``."""
@@ -86,7 +94,15 @@ class Linearised:
 
 
 def linearise(problem: Problem, state: State, before: Linearised | None) -> Linearised:
-    """Evaluate the projected problem at a state; the internals start from ``before`` and are solved again."""
+    """Evaluate the projected problem at a state; the internals start from ``before`` and are solved again.
+
+    A state that makes numbers overflow gets an infinite cost, without a warning: it is only a step that was too long.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _linearise(problem, state, before)
+
+
+def _linearise(problem: Problem, state: State, before: Linearised | None) -> Linearised:
     seen = normalise(state, problem.points_mm, problem.view, problem.cameras)
     square = problem.weight**2
     robust = square if before is None else square * _robust_weight(before.residuals, problem)
@@ -103,9 +119,19 @@ def linearise(problem: Problem, state: State, before: Linearised | None) -> Line
     solved = solve_pairs(hessian, np.concatenate([mixed, inner_gradient[..., None]], axis=-1))
     taken = np.einsum("hgap,hgaq->hpq", mixed, solved)
     information, gradient = pose - taken[..., :-1], gradient - taken[..., -1]
-    in_front = np.all((seen.depth > _MIN_DEPTH_MM) | (problem.weight == 0), axis=1)
+    furthest = _FURTHEST * np.ptp(problem.points_mm, axis=1).max(axis=-1, keepdims=True)
+    possible = (seen.depth > _MIN_DEPTH_MM) & (seen.depth < furthest)
+    in_front = np.all(possible | (problem.weight == 0), axis=1)
     cost = np.where(in_front & np.isfinite(cost), cost, np.inf)
     return Linearised(cost, internals, information, gradient, residuals, hessian, in_front)
+
+
+def mixed_information(problem: Problem, state: State, fit: Linearised) -> tuple[FloatArray, FloatArray]:
+    """Diagonal ``(H, P)`` of the information of the pose at given internals, and that between both ``(H, G, 4, P)``."""
+    seen = normalise(state, problem.points_mm, problem.view, problem.cameras)
+    weight = problem.weight**2 * _robust_weight(fit.residuals, problem)
+    pose, _, mixed, _ = _outer_equations(problem, seen, weight, fit.residuals, _per_point(problem, fit.internals))
+    return np.asarray(np.einsum("hpp->hp", pose)), mixed
 
 
 def _robust_weight(residuals: FloatArray, problem: Problem) -> FloatArray:

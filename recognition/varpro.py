@@ -9,7 +9,7 @@ of the placement (4: phi, dx, dy, dz). Internals are (fx, fy, u0, v0).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 UNKNOWN_VARIANCE = 1e13  # of a direction without information, in units of the variance with all other directions known
+
+# Less damping than this would let rounding errors drift along directions that nothing determines.
+_LEAST_DAMPING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,7 @@ class Refined:
             loss) and of the priors. ``inf`` where a point lies behind its camera.
         log_det_information: ``(H,)`` of the joint information of placement and internals (flat where the data are
             silent, so compare only hypotheses on the same views); for Laplace evidence: -cost/2 - this/2.
-        valid: ``(H,)`` all points in front of their cameras, fx and fy > 0 in every group that has points, all finite.
+        valid: ``(H,)`` all points in front of their cameras, no focal length negative (0: undetermined), cost finite.
         converged: ``(H,)`` the last step was negligible.
     """
 
@@ -139,29 +142,34 @@ def _descend(
         trial = linearise(problem, moved, fit)
         better = (trial.cost <= fit.cost) & np.isfinite(trial.cost)
         state, fit = moved.where(better, state), trial.where(better, fit)
-        lam = np.clip(np.where(better, lam * 0.1, lam * 10.0), 1e-12, 1e12)
+        lam = np.clip(np.where(better, lam * 0.1, lam * 10.0), _LEAST_DAMPING, 1e12)
     return state, fit, converged
 
 
 def _damped_step(fit: Linearised, lam: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The step ``(H, P)`` and how much the undamped quadratic model promises to gain, ``(H,)``."""
     p = fit.gradient.shape[-1]
-    scale = 1.0 / np.sqrt(np.maximum(np.einsum("hpp->hp", fit.information), 1e-300))
+    # A start where nothing can be evaluated stays where it is.
+    system = np.concatenate([fit.information, fit.gradient[:, :, None]], axis=2)
+    sound = np.asarray(np.isfinite(system).all(axis=(1, 2)))
+    if not sound.all():
+        fit = replace(
+            fit,
+            information=np.where(sound[:, None, None], fit.information, np.eye(p)),
+            gradient=np.where(sound[:, None], fit.gradient, 0.0),
+        )
+    scale = _unit_scale(fit.information)
     scaled = fit.information * scale[:, :, None] * scale[:, None, :]
     damped = scaled + lam[:, None, None] * np.eye(p) + 1e-13 * np.eye(p)
     scaled_gradient = fit.gradient * scale
     step = -np.linalg.solve(damped, scaled_gradient[..., None])[..., 0]
     promise = -np.einsum("hp,hp->h", step, scaled_gradient)
-    return step * scale, np.where(np.isfinite(promise), promise, 0.0)
+    return step * scale, promise
 
 
 def _refined(problem: Problem, state: State, fit: Linearised, converged: BoolArray) -> Refined:
     counted = np.count_nonzero(problem.weight, axis=1)
     square = np.einsum("hnk,hnk->h", fit.residuals, fit.residuals)
-    used = np.stack(
-        [np.any((problem.group == g) & (problem.weight > 0), axis=1) for g in range(problem.groups)], axis=1
-    )
-    focal_positive = np.all((fit.internals[..., :2] > 0).all(axis=-1) | ~used, axis=1)
     return Refined(
         placement=np.concatenate([state.rotation[:, None], state.shift], axis=1),
         covariance=covariance(fit.information)[:, :4, :4],
@@ -170,7 +178,7 @@ def _refined(problem: Problem, state: State, fit: Linearised, converged: BoolArr
         rms_px=np.sqrt(square / np.maximum(2 * counted, 1)),
         cost=fit.cost,
         log_det_information=log_determinant(fit.inner_hessian, fit.information),
-        valid=fit.in_front & focal_positive & np.isfinite(fit.cost),
+        valid=fit.valid,
         converged=converged,
     )
 
@@ -188,7 +196,13 @@ def covariance(information: FloatArray) -> FloatArray:
 def eigen_scaled(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Scales ``(H, P)``, eigenvectors ``(H, P, P)`` (columns) and eigenvalues ``(H, P)`` of the scaled information."""
     finite = np.where(np.isfinite(information), information, 0.0)
-    diagonal = np.einsum("hpp->hp", finite)
-    scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
+    scale = _unit_scale(finite)
     values, vectors = np.linalg.eigh(finite * scale[:, :, None] * scale[:, None, :])
     return scale, vectors, values
+
+
+def _unit_scale(information: FloatArray) -> FloatArray:
+    """Scales ``(H, P)`` that bring the diagonal to one; one where there is no information."""
+    diagonal = np.einsum("hpp->hp", information)
+    some = diagonal > 1e-30
+    return np.asarray(np.where(some, 1.0 / np.sqrt(np.where(some, diagonal, 1.0)), 1.0))
