@@ -40,7 +40,7 @@ def size(corners: FloatArray) -> FloatArray:
 
 
 def area_normals(corners: FloatArray) -> FloatArray:
-    """``(n, 3)`` unit normals, towards whoever sees the corners ``(n, k, 3)`` clockwise; zero where there is no area."""
+    """``(n, 3)`` unit normals towards whoever sees the corners ``(n, k, 3)`` clockwise; zero without area."""
     area = -np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     length = np.linalg.norm(area, axis=1, keepdims=True)
     return np.asarray(np.divide(area, length, out=np.zeros_like(area), where=length > 0))
@@ -85,7 +85,7 @@ def crosses_itself(corners: FloatArray) -> BoolArray:
     for i in range(k - 2):
         for j in range(i + 2, k if i > 0 else k - 1):
             sides = (start[:, i], end[:, i], start[:, j], end[:, j])
-            crossing |= _apart(*sides) & _apart(sides[2], sides[3], sides[0], sides[1])
+            crossing |= _apart(*sides) & _apart(sides[2], sides[3], sides[0], sides[1]) & _boxes_meet(*sides)
     return crossing
 
 
@@ -95,6 +95,13 @@ def _apart(a: FloatArray, b: FloatArray, p: FloatArray, q: FloatArray) -> BoolAr
     left = side[:, 0] * (p - a)[:, 1] - side[:, 1] * (p - a)[:, 0]
     right = side[:, 0] * (q - a)[:, 1] - side[:, 1] * (q - a)[:, 0]
     return np.asarray(left * right <= 0)
+
+
+def _boxes_meet(a: FloatArray, b: FloatArray, p: FloatArray, q: FloatArray) -> BoolArray:
+    """True where the boxes around two sides meet; sides on one line (as in a cross) may still be apart."""
+    below = np.maximum(a, b) < np.minimum(p, q)
+    above = np.minimum(a, b) > np.maximum(p, q)
+    return np.asarray(~(below | above).any(axis=1))
 
 
 def misses_its_outline(corners: FloatArray, outline: FloatArray) -> BoolArray:
