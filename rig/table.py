@@ -108,8 +108,6 @@ class LiveTable:
 
             self._live = Live(self._table(), console=Console(file=self._stream), auto_refresh=False)
             self._live.start()
-        else:
-            self._line(Row(*HEADINGS))
         return self
 
     def __exit__(
@@ -122,6 +120,8 @@ class LiveTable:
         """Add the row of a step."""
         self._rows.append(row_of(step))
         if self._live is None:
+            if len(self._rows) == 1:
+                self._line(Row(*HEADINGS))
             self._line(self._rows[-1])
         else:
             self._live.update(self._table(), refresh=True)

@@ -1,0 +1,52 @@
+"""Watches a recognition for a person or a script: live table, result, report, exit code."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+
+from recognition.steps import Outcome
+from rig.cli.interrupt import ends_gently
+from rig.report import write_report
+from rig.run import RunRecorder, Steps, watch
+from rig.table import LiveTable, summary
+
+DONE, NOT_RECOGNISED, INTERRUPTED = 0, 1, 130
+
+
+def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> int:
+    """Run to the end and return the exit code.
+
+    With ``as_json`` stdout gets the result object and nothing else, in every case in which the run began; what is for
+    people goes to stderr.
+    """
+    stream = sys.stderr if as_json else sys.stdout
+    try:
+        with ends_gently() as stop, LiveTable(stream) as table:
+            answer = watch(keeper.record(steps, stop), table.show)
+        print(summary(answer), file=stream)
+    finally:
+        if as_json and keeper.answer is not None:
+            print(json.dumps(keeper.result(), ensure_ascii=False, allow_nan=False))
+        if keeper.folder is not None and keeper.answer is not None:
+            print(f"report: {write_report(keeper.folder)}", file=stream)
+    if keeper.interrupted:
+        return INTERRUPTED
+    return DONE if answer.outcome is Outcome.RECOGNISED else NOT_RECOGNISED
+
+
+def new_run_folder(out: Path | None, as_json: bool, label: str, now: datetime) -> Path | None:
+    """Where to keep a run: ``--out``, or else a new folder under ``runs``; nowhere for a script that asks for none."""
+    if out is not None:
+        return out
+    if as_json:
+        return None
+    safe = "".join(character if character.isalnum() or character in "-." else "_" for character in label)[:40]
+    first = Path("runs") / f"{now:%Y%m%d-%H%M%S}_{safe}"
+    folder, number = first, 1
+    while folder.exists():
+        number += 1
+        folder = first.with_name(f"{first.name}-{number}")
+    return folder
