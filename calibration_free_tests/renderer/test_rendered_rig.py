@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration_free_tests.renderer.bench_building import building
+from calibration_free_tests.renderer.bench_building import building, part_on, wall_face
 from recognition.geometry import Mount, Pose4, camera_in_object, camera_in_rig
+from recognition.modelbase import ObjectModel
 from rig.errors import InputError, UnreachableError
 from rig.hal import Frame, Rig, RigPose
 from sim_backends.internals_policy import ChangingInternals, FixedByZoom
@@ -136,6 +137,26 @@ def test_viewing_poses_look_at_every_wall_and_stand_clear(footprint: tuple[tuple
     rig = RenderedRig(Scene(model, place), limits_around(poses), poses, size=SIZE)
     shown = {part.id[:2] for pose in poses[:: max(1, len(poses) // 60)] for part in rig.parts(pose)}
     assert shown == {wall.id for wall in walls_of(model)}
+
+
+def test_the_plan_knows_inside_outside_and_what_stands_between() -> None:
+    plan = Plan.of(walls_of(building(COURT)))
+    spots = np.array([[-120.0, 100.0], [120.0, 100.0], [120.0, 300.0], [0.0, -100.0]])
+    np.testing.assert_array_equal(plan.inside(spots), [True, False, True, False])
+    np.testing.assert_allclose(plan.distance_mm(spots), [100.0, 100.0, 100.0, 100.0])
+    clear = plan.clear_between(np.array([120.0, 100.0]), np.array([[120.0, -500.0], [-300.0, 100.0], [500.0, 100.0]]))
+    np.testing.assert_array_equal(clear, [True, False, True])
+
+
+def test_no_station_looks_through_another_wall() -> None:
+    # Two parallel walls, both facing -Z: stations of the rear one 300 mm in front of it would lie before the front one.
+    front, rear = (
+        wall_face(n, np.array([-200.0, 0, z]), np.array([200.0, 0, z]), 200.0) for n, z in (("A", 0), ("B", 200))
+    )
+    parts = tuple(part_on(face, f"p{face.id}", "DW4", 180.0, 80.0, 30.0, 40.0, 0.0) for face in (front, rear))
+    model = ObjectModel("two walls", parts, (front, rear))
+    both = viewing_poses(model, Pose4(0, 0, 0, 0), (300.0,), pans_deg=(0.0,), step_mm=80.0)
+    assert {round(p.z_mm) for p in both if abs(p.x_mm) < 200} == {-300}
 
 
 def test_most_viewing_poses_show_a_whole_part() -> None:
