@@ -82,7 +82,7 @@ class Opening:
 
     def _paint_window(self, brush: _Brush, look: Appearance) -> None:
         _, width, height, _ = self._box()
-        columns = max(1, min(4, round(width / height * 2.4))) if look.bars else 1
+        columns = max(1, min(4, round(width / height * 3.0))) if look.bars else 1
         rows = max(1, min(4, round(height / width * 1.9))) if look.bars else 1
         bar = 0.045 if look.bars else 0.0
         x, y = np.linspace(bar, 1.0, columns + 1), np.linspace(bar, 1.0, rows + 1)

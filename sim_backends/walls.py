@@ -86,11 +86,22 @@ def _fitted_walls(model: ObjectModel, indices: Sequence[int]) -> list[Wall]:
                 break
         else:
             groups.append((part.face, [index]))
-    return [_fit(name or f"wall {n + 1}", model, members) for n, (name, members) in enumerate(groups)]
+    return _stood_on_the_ground([_fit(name or f"wall {n + 1}", model, m) for n, (name, m) in enumerate(groups)])
+
+
+def _stood_on_the_ground(walls: list[Wall]) -> list[Wall]:
+    """The walls reaching down as far as the lowest of them: fitted to upper windows, they would hang in the air."""
+    ground = max((float(wall.corners_mm[:, 1].max()) for wall in walls), default=0.0)
+    standing = []
+    for wall in walls:
+        corners = wall.corners_mm.copy()
+        corners[2:, 1] = ground
+        standing.append(Wall(wall.id, corners, wall.parts))
+    return standing
 
 
 def _fit(name: str, model: ObjectModel, members: list[int]) -> Wall:
-    """A vertical rectangle around the parts, half a part wider on each side."""
+    """A vertical rectangle around the parts, half a part's width wider on each side."""
     parts = [model.parts[i] for i in members]
     outward = np.sum([p.normal for p in parts], axis=0) * (1.0, 0.0, 1.0)
     outward /= np.linalg.norm(outward)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from calibration_free_tests.renderer.bench_building import OUTLINES, camera_at, part_on, wall_face
 from recognition.geometry import CameraPose, Pose4, camera_in_object
 from recognition.modelbase import ObjectModel
+from recognition.modelbase_io import load_model_base
 from rig.errors import InputError
 from sim_backends.appearance import HIGH_CONTRAST, PERFECT
 from sim_backends.coverage import coverage
@@ -129,3 +133,22 @@ def test_undistort_inverts_distort() -> None:
         inner = Internals(700, 690, 310, 250, k1)
         pixels = np.random.default_rng(1).uniform(0, 640, (50, 2))
         np.testing.assert_allclose(inner.distort(inner.undistort(pixels)), pixels, atol=1e-7)
+
+
+@pytest.mark.realdata
+def test_corners_agree_with_the_surveyed_castle(real_data: Path) -> None:
+    """Real photographs' corners were projected by the survey's own program; ours must give the same to its rounding."""
+    scene = Scene(load_model_base(real_data / "castle" / "modelbase.yaml").object("castle"))
+    compared = 0
+    with (real_data / "castle" / "truth.jsonl").open() as lines:
+        views = [json.loads(line) for line in lines]
+    for view in views[::10]:
+        at = view["camera_in_object"]
+        camera = CameraPose(at["theta_deg"], at["x_mm"], at["y_mm"], at["z_mm"])
+        inner = Internals(view["fx"], view["fy"], view["u0"], view["v0"])
+        surveyed = {part["id"]: np.array(part["corners_px"]) for part in view["parts"]}
+        for part in visible_parts(scene, camera, inner):
+            if part.id in surveyed:
+                np.testing.assert_allclose(part.corners_px, surveyed[part.id], atol=0.05)
+                compared += 1
+    assert compared > 100
