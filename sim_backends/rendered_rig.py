@@ -176,6 +176,11 @@ class RenderedRig:
     def __exit__(self, *exc: Any) -> None:
         self.close()
 
+    @property
+    def scene(self) -> Scene:
+        """For scoring only: what is in front of the rig."""
+        return self._scene
+
     def truth(self, pose: RigPose | None = None) -> ViewTruth:
         """For scoring only: where the camera really is in the object frame, and its internals, at a pose."""
         at = pose or self._pose

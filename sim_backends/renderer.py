@@ -151,7 +151,7 @@ def _paint_wall(
         return
     drawing = canvas.image is not None
     wall = scene.walls[index]
-    canvas.paint(cover, wall_seen(wall, scene.textures[index], outline, cover, view) if drawing else None, _WALL_ID)
+    canvas.paint(cover, wall_seen(wall, scene.texture(index), outline, cover, view) if drawing else None, _WALL_ID)
     for part_index in wall.parts:
         part_outline = view.polygon(scene.object_model.parts[part_index].corners_mm)
         cover = None if part_outline is None else coverage(part_outline, view.size)

@@ -74,18 +74,20 @@ class Scene:
         return hiding_matrix(self.walls, np.array([body.centre_mm for body in self.bodies]).reshape(-1, 3))
 
     @cached_property
-    def textures(self) -> tuple[WallTexture, ...]:
-        """Of each wall; made once, which takes a fraction of a second."""
-        return tuple(
-            wall_texture(
+    def _textures(self) -> dict[int, WallTexture]:
+        return {}
+
+    def texture(self, index: int) -> WallTexture:
+        """Of the wall with that index: made when it is first seen (up to 0.2 s and 8 MB a wall), then kept."""
+        if index not in self._textures:
+            self._textures[index] = wall_texture(
                 np.random.default_rng([self.appearance.seed, 11, index]),
-                *wall.size_mm,
+                *self.walls[index].size_mm,
                 self.typical_mm / 15,
-                light,
+                self.lights[index],
                 self.appearance,
             )
-            for index, (wall, light) in enumerate(zip(self.walls, self.lights, strict=True))
-        )
+        return self._textures[index]
 
     @cached_property
     def openings(self) -> Mapping[int, Opening]:

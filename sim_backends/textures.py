@@ -17,7 +17,7 @@ from sim_backends.walls import Wall
 Field = npt.NDArray[np.float32]
 FloatArray = npt.NDArray[np.float64]
 
-_MAX_PIXELS = 3.0e6
+_MAX_PIXELS = 2.0e6
 _LEVELS = 6
 
 
