@@ -246,7 +246,9 @@ def _check_sides(
     for name, members in on_face.items():
         normals = np.stack([part_rules.area_normals(corners[index][None])[0] for index in members])
         face = by_id.get(name)
-        outside = normals.sum(axis=0) if face is None else part_rules.area_normals(face.corners_mm[None])[0]
+        outside = (
+            normals.sum(axis=0) + normals[0] / 2 if face is None else part_rules.area_normals(face.corners_mm[None])[0]
+        )
         for index in np.array(members)[normals @ outside < 0]:
             message = f"as seen from outside the face '{name}' the corners run anticlockwise"
             remedy = "List them clockwise from the top-left, as the rest of the face does."

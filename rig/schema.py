@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from rig.errors import InputError
-from rig.schema_words import Location, Wording, describe
+from rig.schema_words import Location, Wording, describe, is_echo
 from rig.schema_words import did_you_mean as did_you_mean
 from rig.strictyaml import Mark, StrictReader
 from rig.strictyaml import plain_scalar as plain_scalar
@@ -131,7 +131,9 @@ def validate(model: type[ModelT], document: Document, *, error: type[InputError]
         return model.model_validate_json(json.dumps(document.data), strict=True)
     except ValidationError as failure:
         details = failure.errors(include_url=False)
-        wordings: dict[Wording, None] = dict.fromkeys(describe(model, d, document.data) for d in details)
+        wordings: dict[Wording, None] = dict.fromkeys(
+            describe(model, d, document.data) for d in details if not is_echo(d)
+        )
         problems = [document.problem(w.location, w.message, w.remedy, key=w.at_key) for w in wordings]
     raise_problems(problems, error)
     raise AssertionError("a validation error without details")

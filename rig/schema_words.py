@@ -62,6 +62,12 @@ def describe(model: type[BaseModel], detail: Mapping[str, Any], data: Any) -> Wo
     return Wording(location, message if isinstance(given, dict | list) else f"{message} (it is {_shown(given)})")
 
 
+def is_echo(detail: Mapping[str, Any]) -> bool:
+    """True for a list that is too short only because its wrong entries, which are told anyway, do not count."""
+    shortest = detail.get("ctx", {}).get("min_length", 0)
+    return detail["type"] == "too_short" and isinstance(detail["input"], list) and len(detail["input"]) >= shortest
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """A remedy that names the known word most like ``name``, or the known words if they are few."""
     names = sorted(set(known))

@@ -110,3 +110,14 @@ def test_the_list_of_problems_is_bounded() -> None:
     found = problems("axes: {}\nnames: [" + ", ".join("1" * 50) + "]\n")
     assert len(found) == MAX_PROBLEMS + 1
     assert found[-1] == "... and 30 more problems"
+
+
+def test_a_list_with_a_wrong_entry_is_not_called_too_short() -> None:
+    class Holder(Strict):
+        axes: Annotated[list[Axis], Field(min_length=1)]
+
+    with pytest.raises(InputError) as caught:
+        validate(Holder, parse_yaml("axes:\n- {steps: a}\n", "t"))
+    assert "at least" not in str(caught.value)
+    with pytest.raises(InputError, match="needs at least 1 entries, has 0"):
+        validate(Holder, parse_yaml("axes: []\n", "t"))
