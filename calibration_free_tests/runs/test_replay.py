@@ -53,7 +53,7 @@ def test_replay_needs_the_events_only(folder: Path) -> None:
 def test_whole_run_is_read_with_its_pictures(folder: Path) -> None:
     run = read_run(folder)
     assert [step.frame.image.shape for step in run.steps] == [(480, 640, 3)] * 4
-    assert [item["id"] for item in run.objects] == ["tower", "lean-to", "barn"]
+    assert [thing.id for thing in run.objects] == ["tower", "lean-to", "barn"]
     assert run.answer.outcome is Outcome.RECOGNISED
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,6 +21,7 @@ def register(app: typer.Typer) -> None:
     """Add the group ``rig model``."""
     group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
     group.command(epilog=example("rig model check mybuilding.yaml"))(check)
+    group.command(epilog=example("rig model show architecture --out architecture.png"))(show)
     epilog = example("rig model check architecture")
     app.add_typer(group, name="model", help="Check and show model bases.", epilog=epilog)
 
@@ -43,3 +45,17 @@ def check(
     for name, parts in counts.by_object.items():
         classes = ", ".join(f"{number} {kind}" for kind, number in counts.by_object_and_class[name].items())
         typer.echo(f"  {plain(name)}: {parts:,} parts ({plain(classes)})")
+
+
+def show(
+    models: Models,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="A .png, .svg or .pdf file. [default: NAME.png]")
+    ] = None,
+) -> None:
+    """Draw a model base: the walls of each object unfolded, parts coloured by class."""
+    from recognition.modelbase_io import load_model_base
+    from rig.modelshow import draw
+
+    base = load_model_base(models)
+    typer.echo(draw(base, out or Path(f"{base.name}.png")))

@@ -107,13 +107,13 @@ def _pose(answer: Answer) -> list[tuple[str, str, str]]:
 
 def _drawings(run: RunRecord) -> dict[str, Any] | None:
     subject = _subject(run)
-    item = next((item for item in run.objects if item["id"] == subject), None)
-    if item is None:
+    thing = next((thing for thing in run.objects if thing.id == subject and thing.parts), None)
+    if thing is None:
         return None
-    outlines = plans.outlines_of(item, run.steps)
-    walls = [face["corners_mm"] for face in item["faces"]]
+    sightings = plans.Sightings.of(thing, run.steps)
     path = plans.camera_path(run.steps, run.answer, _mount(run))
-    return {"plan": plans.plan(outlines, walls, path), "walls": plans.unfolded(outlines), "has_path": bool(path)}
+    drawn = plans.plan(thing, sightings, path)
+    return {"plan": drawn, "walls": plans.unfolded(thing, sightings), "has_path": bool(path)}
 
 
 def _mount(run: RunRecord) -> Mount:

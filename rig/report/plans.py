@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -17,57 +16,45 @@ from recognition.geometry import (
     camera_in_object,
     camera_in_rig,
 )
+from recognition.modelbase import ObjectModel, Part
 from recognition.steps import Answer, Step
+from rig.modelshow import FlatFace, unfold
 from rig.report import svg
 
 PLAN_WIDTH, PLAN_HEIGHT = 1060.0, 520.0
-WALL_WIDTH = 1060.0
+MARGIN = 34.0
 GAP = 26.0
 
 
 @dataclass(frozen=True)
-class Outline:
-    """A part's outline: id, face, ``(n, 3)`` corners in the object frame, and which views found or missed it."""
+class Sightings:
+    """In which views the leading hypotheses found each part of an object, or missed it: part id to view numbers."""
 
-    id: str
-    face: str
-    corners_mm: FloatArray
-    found: tuple[int, ...]
-    missed: tuple[int, ...]
+    found: Mapping[str, tuple[int, ...]]
+    missed: Mapping[str, tuple[int, ...]]
 
-    @property
-    def css(self) -> str:
+    @staticmethod
+    def of(thing: ObjectModel, steps: Sequence[Step]) -> Sightings:
+        """Collect them from the steps in which this object led."""
+        found: dict[str, tuple[int, ...]] = {}
+        missed: dict[str, tuple[int, ...]] = {}
+        for step in steps:
+            leader = step.belief.leaders[0] if step.belief.leaders else None
+            if leader is not None and leader.object_id == thing.id:
+                for match in leader.matches:
+                    seen = missed if match.detection is None else found
+                    seen[match.part_id] = (*seen.get(match.part_id, ()), step.index + 1)
+        return Sightings(found, missed)
+
+    def css(self, part: Part) -> str:
         """Found in some view, only ever missed, or never looked at."""
-        return "found" if self.found else "missed" if self.missed else "unseen"
+        return "found" if part.id in self.found else "missed" if part.id in self.missed else "unseen"
 
-    @property
-    def title(self) -> str:
+    def title(self, part: Part) -> str:
         """The tooltip."""
-        seen = f", found in view {_listed(self.found)}" if self.found else ""
-        missed = f", missed in view {_listed(self.missed)}" if self.missed else ""
-        return f"{self.id}{seen}{missed}"
-
-
-def outlines_of(item: Mapping[str, Any], steps: Sequence[Step]) -> list[Outline]:
-    """The parts of one object of a run's record, with what the leading hypotheses said of them."""
-    found: dict[str, list[int]] = {}
-    missed: dict[str, list[int]] = {}
-    for step in steps:
-        leader = step.belief.leaders[0] if step.belief.leaders else None
-        if leader is not None and leader.object_id == item["id"]:
-            for match in leader.matches:
-                seen = missed if match.detection is None else found
-                seen.setdefault(match.part_id, []).append(step.index + 1)
-    return [
-        Outline(
-            id=part["id"],
-            face=part["face"],
-            corners_mm=part["corners_mm"],
-            found=tuple(found.get(part["id"], ())),
-            missed=tuple(missed.get(part["id"], ())),
-        )
-        for part in item["parts"]
-    ]
+        found = f", found in view {_listed(self.found[part.id])}" if part.id in self.found else ""
+        missed = f", missed in view {_listed(self.missed[part.id])}" if part.id in self.missed else ""
+        return f"{part.id} ({part.part_class}){found}{missed}"
 
 
 def camera_path(steps: Sequence[Step], answer: Answer, mount: Mount) -> list[CameraPose]:
@@ -79,99 +66,58 @@ def camera_path(steps: Sequence[Step], answer: Answer, mount: Mount) -> list[Cam
     return [camera_in_object(camera, object_in_rig) for camera in cameras]
 
 
-def plan(outlines: Sequence[Outline], walls: Sequence[FloatArray], path: Sequence[CameraPose]) -> Markup:
+def plan(thing: ObjectModel, sightings: Sightings, path: Sequence[CameraPose]) -> Markup:
     """The object from above, X to the right and Z up the page, and the camera's numbered places and directions."""
     centres = np.array([[camera.x_mm, camera.z_mm] for camera in path]).reshape(-1, 2)
-    points = [outline.corners_mm[:, [0, 2]] for outline in outlines] + [wall[:, [0, 2]] for wall in walls] + [centres]
-    scale, origin, size = _fit(np.concatenate(points), PLAN_WIDTH, PLAN_HEIGHT, margin=34.0)
+    surfaces = [part.corners_mm for part in thing.parts] + [face.corners_mm for face in thing.faces]
+    scale, origin, height = _fit(np.concatenate([np.concatenate(surfaces)[:, [0, 2]], centres]))
 
     def place(xz: FloatArray) -> FloatArray:
-        return np.asarray((xz - origin) * [scale, -scale] + [0.0, size[1]])
+        return np.asarray((xz - origin) * [scale, -scale] + [0.0, height])
 
-    body = [svg.polyline(place(_span(wall)), "wall") for wall in walls]
+    body = [svg.polyline(place(_span(wall.corners_mm)), "wall") for wall in thing.faces]
     drawn: set[tuple[str, bytes]] = set()
-    for outline in sorted(outlines, key=lambda item: ("unseen", "missed", "found").index(item.css)):
-        span = place(_span(outline.corners_mm)).round(1)
+    for part in sorted(thing.parts, key=lambda part: ("unseen", "missed", "found").index(sightings.css(part))):
+        css, span = sightings.css(part), place(_span(part.corners_mm)).round(1)
         # Windows above each other coincide in the plan: one line is enough for all of them.
-        if (outline.css, span.tobytes()) not in drawn:
-            drawn.add((outline.css, span.tobytes()))
-            body.append(svg.polyline(span, f"opening {outline.css}"))
+        if (css, span.tobytes()) not in drawn:
+            drawn.add((css, span.tobytes()))
+            body.append(svg.polyline(span, f"opening {css}"))
     body += _path(place(centres), [np.radians(camera.theta_deg) for camera in path])
-    body += _scale_bar(scale, size)
-    return svg.canvas(PLAN_WIDTH, float(size[1]), body, "The object from above with the camera's path", "plan")
+    body += _scale_bar(scale, height)
+    return svg.canvas(PLAN_WIDTH, height, body, "The object from above with the camera's path", "plan")
 
 
-def unfolded(outlines: Sequence[Outline]) -> Markup:
-    """The walls side by side as seen from outside, by their directions; parts coloured by what was seen."""
-    panels = [_Panel.of(face, parts) for face, parts in _by_face(outlines).items()]
-    panels.sort(key=lambda panel: panel.azimuth_deg)
-    if not panels:
+def unfolded(thing: ObjectModel, sightings: Sightings) -> Markup:
+    """The walls side by side as seen from outside; parts coloured by what was seen."""
+    faces = [face for face in unfold(thing) if face.polygons]
+    if not faces:
         return Markup("")
-    total = sum(panel.size[0] for panel in panels)
-    tallest = max(panel.size[1] for panel in panels)
-    rows = max(1, round(np.sqrt(total / (3.2 * tallest))))
-    scale = min((WALL_WIDTH - GAP * len(panels) / rows) / (total / rows), 260.0 / tallest)
-    # A row breaks between walls, so the widest wall may ask for a smaller scale.
-    scale = min(scale, (WALL_WIDTH - GAP) / max(panel.size[0] for panel in panels))
+    tallest = max(face.bottom_mm - face.top_mm for face in faces)
+    total = sum(face.width_mm for face in faces)
+    # Rows of walls about three and a half times as wide as high look right and leave parts large enough to tell.
+    rows = max(1, round(float(np.sqrt(total / (3.5 * tallest)))))
+    widest = max(total / rows + GAP, *(face.width_mm for face in faces))
+    scale = min((PLAN_WIDTH - GAP * len(faces) / rows) / widest, 260.0 / tallest)
     body, x, y = [], 0.0, 0.0
-    for panel in panels:
-        width = panel.size[0] * scale
-        if x > 0 and x + width > WALL_WIDTH:
+    for face in faces:
+        if x > 0 and x + face.width_mm * scale > PLAN_WIDTH:
             x, y = 0.0, y + tallest * scale + 2 * GAP
-        body.append(panel.draw(x, y, scale, tallest))
-        x += width + GAP
-    return svg.canvas(WALL_WIDTH, y + tallest * scale + GAP, body, "The walls unfolded", "plan")
+        body.append(_wall(face, sightings, x, y, scale, tallest))
+        x += face.width_mm * scale + GAP
+    return svg.canvas(PLAN_WIDTH, y + tallest * scale + GAP, body, "The walls unfolded", "plan")
 
 
-@dataclass(frozen=True)
-class _Panel:
-    """One wall laid flat: each part's ``(n, 2)`` corners, x to the right as seen from outside, y down, mm."""
-
-    face: str
-    azimuth_deg: float
-    flat: tuple[tuple[Outline, FloatArray], ...]
-    low: FloatArray
-    size: FloatArray
-
-    @staticmethod
-    def of(face: str, parts: Sequence[Outline]) -> _Panel:
-        normal = np.mean([_outward(part.corners_mm) for part in parts], axis=0)
-        along = np.array([-normal[2], 0.0, normal[0]])
-        along = along / max(float(np.linalg.norm(along)), 1e-9)
-        flat = tuple(
-            (part, np.column_stack([part.corners_mm @ along, part.corners_mm[:, 1]]))
-            for part in sorted(parts, key=lambda item: item.css)
-        )
-        points = np.concatenate([corners for _, corners in flat])
-        margin = 0.04 * float(np.ptp(points, axis=0).max())
-        low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-        azimuth = float(np.degrees(np.arctan2(normal[0], -normal[2])))
-        return _Panel(face, azimuth, flat, low, high - low)
-
-    def draw(self, x: float, y: float, scale: float, tallest: float) -> Markup:
-        top = y + (tallest - self.size[1]) * scale
-        corner = np.array([x, top])
-        body = [svg.rect(x, top, self.size[0] * scale, self.size[1] * scale, "panel")]
-        body += [
-            svg.polygon((flat - self.low) * scale + corner, f"window {part.css}", part.title)
-            for part, flat in self.flat
-        ]
-        body.append(svg.text(x, y + tallest * scale + 15, self.face, "tick"))
-        return Markup("").join(body)
-
-
-def _by_face(outlines: Sequence[Outline]) -> dict[str, list[Outline]]:
-    faces: dict[str, list[Outline]] = {}
-    for outline in outlines:
-        normal = _outward(outline.corners_mm)
-        turned = int(round(float(np.degrees(np.arctan2(normal[0], -normal[2]))) / 15) * 15)
-        faces.setdefault(outline.face or f"facing {turned}°", []).append(outline)
-    return faces
-
-
-def _outward(corners_mm: FloatArray) -> FloatArray:
-    area = np.cross(corners_mm, np.roll(corners_mm, -1, axis=0)).sum(axis=0)
-    return np.asarray(-area / max(float(np.linalg.norm(area)), 1e-9))
+def _wall(face: FlatFace, sightings: Sightings, x: float, y: float, scale: float, tallest: float) -> Markup:
+    height = (face.bottom_mm - face.top_mm) * scale
+    foot = y + tallest * scale
+    corner = np.array([x, foot - height])
+    body = [svg.rect(x, foot - height, face.width_mm * scale, height, "panel")]
+    for part, flat in sorted(face.polygons, key=lambda item: sightings.css(item[0])):
+        points = (flat - [face.left_mm, face.top_mm]) * scale + corner
+        body.append(svg.polygon(points, f"window {sightings.css(part)}", sightings.title(part)))
+    body.append(svg.text(x, foot + 15, face.name, "tick"))
+    return Markup("").join(body)
 
 
 def _span(corners_mm: FloatArray) -> FloatArray:
@@ -183,15 +129,14 @@ def _span(corners_mm: FloatArray) -> FloatArray:
     return np.asarray(middle + np.outer([reach.min(), reach.max()], direction))
 
 
-def _fit(points: FloatArray, width: float, height: float, margin: float) -> tuple[float, FloatArray, FloatArray]:
-    """Scale, lower corner and size on the page so that all points fit with the margin."""
+def _fit(points: FloatArray) -> tuple[float, FloatArray, float]:
+    """Scale, lower corner and height on the page so that all points fit, in the middle of the page's width."""
     low, high = points.min(axis=0), points.max(axis=0)
     extent = np.maximum(high - low, 1e-6)
-    scale = float(min((width - 2 * margin) / extent[0], (height - 2 * margin) / extent[1]))
-    origin = low - margin / scale
-    # The page is as wide as it is: what is left over goes to both sides.
-    origin[0] -= (width / scale - extent[0] - 2 * margin / scale) / 2
-    return scale, origin, np.array([width, extent[1] * scale + 2 * margin])
+    room = np.array([PLAN_WIDTH, PLAN_HEIGHT]) - 2 * MARGIN
+    scale = float((room / extent).min())
+    origin = low - MARGIN / scale - np.array([(room[0] / scale - extent[0]) / 2, 0.0])
+    return scale, origin, float(extent[1] * scale + 2 * MARGIN)
 
 
 def _path(places: FloatArray, turns: Sequence[float]) -> list[Markup]:
@@ -212,9 +157,9 @@ def _path(places: FloatArray, turns: Sequence[float]) -> list[Markup]:
     return body
 
 
-def _scale_bar(scale: float, size: FloatArray) -> list[Markup]:
+def _scale_bar(scale: float, height: float) -> list[Markup]:
     length = svg.nice_length(160.0 / scale)
-    x, y = 12.0, float(size[1]) - 12.0
+    x, y = 12.0, height - 12.0
     bar = svg.line(x, y, x + length * scale, y, "bar")
     return [bar, svg.text(x + length * scale + 8, y + 4, svg.millimetres(length), "tick")]
 

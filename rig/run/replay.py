@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from recognition.modelbase import Face, FloatArray, ObjectModel, Part
 from recognition.steps import Answer, Move, Step
 from rig.errors import InputError
 from rig.hal import Image
@@ -31,7 +32,7 @@ class RunRecord:
         steps: the views, pictures included.
         reasons: why each view was taken, one sentence a step.
         answer: the end; outcome ``aborted`` where a partial record was allowed.
-        objects: the outlines kept with the run (``objects.json``), corners as ``(n, 3)`` mm; empty if there are none.
+        objects: the outlines kept with the run (``objects.json``); empty if there are none.
     """
 
     folder: Path
@@ -39,7 +40,7 @@ class RunRecord:
     steps: tuple[Step, ...]
     reasons: tuple[str, ...]
     answer: Answer
-    objects: tuple[dict[str, Any], ...]
+    objects: tuple[ObjectModel, ...]
 
 
 def replay(folder: Path, allow_partial: bool = False) -> Steps:
@@ -204,25 +205,28 @@ class _Journal:
         return InputError(message, where=self.place, remedy=remedy)
 
 
-def _outline(data: Mapping[str, Any]) -> dict[str, Any]:
+def _corners(data: Mapping[str, Any]) -> FloatArray:
     corners = np.array(data["corners_mm"], dtype=np.float64).reshape(-1, 3)
     if len(corners) < 3 or not np.isfinite(corners).all():
         raise ValueError(f"{data['id']!r} has no outline")
-    return {"id": str(data["id"]), "corners_mm": corners}
+    return corners
 
 
-def _objects(folder: Path) -> tuple[dict[str, Any], ...]:
+def _objects(folder: Path) -> tuple[ObjectModel, ...]:
     path = folder / "objects.json"
     if not path.exists():
         return ()
     try:
         objects = json.loads(path.read_text(encoding="utf-8"))["objects"]
         return tuple(
-            {
-                "id": str(item["id"]),
-                "faces": [_outline(face) for face in item["faces"]],
-                "parts": [_outline(part) | {"face": str(part["face"] or "")} for part in item["parts"]],
-            }
+            ObjectModel(
+                str(item["id"]),
+                tuple(
+                    Part(str(part["id"]), str(part["class"]), _corners(part), face=part["face"] and str(part["face"]))
+                    for part in item["parts"]
+                ),
+                tuple(Face(str(face["id"]), _corners(face)) for face in item["faces"]),
+            )
             for item in objects
         )
     except (OSError, ValueError, RecursionError, KeyError, TypeError, IndexError) as error:
