@@ -93,30 +93,51 @@ def unfolded(thing: ObjectModel, sightings: Sightings) -> Markup:
     faces = [face for face in unfold(thing) if face.polygons]
     if not faces:
         return Markup("")
-    tallest = max(face.bottom_mm - face.top_mm for face in faces)
+    tallest = max(_height_mm(face) for face in faces)
     total = sum(face.width_mm for face in faces)
     # Rows of walls about three and a half times as wide as high look right and leave parts large enough to tell.
     rows = max(1, round(float(np.sqrt(total / (3.5 * tallest)))))
-    widest = max(total / rows + GAP, *(face.width_mm for face in faces))
+    widest = max(1.08 * total / rows, *(face.width_mm for face in faces))
     scale = min((PLAN_WIDTH - GAP * len(faces) / rows) / widest, 260.0 / tallest)
-    body, x, y = [], 0.0, 0.0
+    body, y = [], 0.0
+    for row in _rows(faces, scale):
+        foot, x, labelled = y + scale * max(_height_mm(face) for face in row), 0.0, -1.0
+        for face in row:
+            # A name that would run into the one before goes a line lower.
+            lower = x < labelled
+            labelled = labelled if lower else x + 6.6 * len(face.name) + 8
+            body.append(_wall(face, sightings, np.array([x, foot]), scale, 29.0 if lower else 15.0))
+            x += face.width_mm * scale + GAP
+        y = foot + 2 * GAP
+    return svg.canvas(PLAN_WIDTH, y - 0.6 * GAP, body, "The walls unfolded", "plan")
+
+
+def _rows(faces: Sequence[FlatFace], scale: float) -> list[list[FlatFace]]:
+    rows: list[list[FlatFace]] = []
+    taken = 0.0
     for face in faces:
-        if x > 0 and x + face.width_mm * scale > PLAN_WIDTH:
-            x, y = 0.0, y + tallest * scale + 2 * GAP
-        body.append(_wall(face, sightings, x, y, scale, tallest))
-        x += face.width_mm * scale + GAP
-    return svg.canvas(PLAN_WIDTH, y + tallest * scale + GAP, body, "The walls unfolded", "plan")
+        width = face.width_mm * scale
+        if not rows or taken + width > PLAN_WIDTH:
+            rows.append([])
+            taken = 0.0
+        rows[-1].append(face)
+        taken += width + GAP
+    return rows
 
 
-def _wall(face: FlatFace, sightings: Sightings, x: float, y: float, scale: float, tallest: float) -> Markup:
-    height = (face.bottom_mm - face.top_mm) * scale
-    foot = y + tallest * scale
-    corner = np.array([x, foot - height])
-    body = [svg.rect(x, foot - height, face.width_mm * scale, height, "panel")]
+def _height_mm(face: FlatFace) -> float:
+    return face.bottom_mm - face.top_mm
+
+
+def _wall(face: FlatFace, sightings: Sightings, foot: FloatArray, scale: float, label_down: float) -> Markup:
+    """One wall with its lower left corner at ``foot``."""
+    x, y = (float(v) for v in foot)
+    height = _height_mm(face) * scale
+    body = [svg.rect(x, y - height, face.width_mm * scale, height, "panel")]
     for part, flat in sorted(face.polygons, key=lambda item: sightings.css(item[0])):
-        points = (flat - [face.left_mm, face.top_mm]) * scale + corner
+        points = (flat - [face.left_mm, face.bottom_mm]) * scale + foot
         body.append(svg.polygon(points, f"window {sightings.css(part)}", sightings.title(part)))
-    body.append(svg.text(x, foot + 15, face.name, "tick"))
+    body.append(svg.text(x, y + label_down, face.name, "tick"))
     return Markup("").join(body)
 
 
