@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from recognition.modelbase import ModelBase, ObjectModel
-from rig.errors import InputError
-from rig.hal import RigPose
+from rig.errors import ImageGridError, InputError
+from rig.hal import Image, RigPose
 from sim_backends.appearance import Appearance, Sensor, draw_appearance
 from sim_backends.clutter import ClutterItem, draw_clutter
 from sim_backends.internals_policy import InternalsPolicy
@@ -86,6 +89,52 @@ def rendered_rig(
         size=size,
         sensor=sensor,
     )
+
+
+def simulate(rig: RenderedRig, poses: Sequence[RigPose], dst: Path, *, quality: int | None = None) -> Path:
+    """Take a picture at each pose and write an image grid: ``images/``, ``frames.jsonl``, ``truth.jsonl``.
+
+    Args:
+        rig: renders the pictures; knows the truth.
+        poses: which the rig offers.
+        dst: a folder that does not hold a grid yet; made if need be.
+        quality: of JPEG pictures, 1..100; ``None``: PNG.
+
+    Returns:
+        ``dst``.
+
+    Raises:
+        InputError: there is a grid in ``dst`` already.
+        ImageGridError: a picture could not be written.
+    """
+    if (dst / "frames.jsonl").exists():
+        raise InputError(f"{dst} holds an image grid already", where="dst", remedy="Name another folder")
+    (dst / "images").mkdir(parents=True, exist_ok=True)
+    suffix = "png" if quality is None else "jpg"
+    with (dst / "frames.jsonl").open("w") as frames, (dst / "truth.jsonl").open("w") as truths:
+        for number, pose in enumerate(poses, start=1):
+            rig.move_to(pose)
+            frame = rig.capture()
+            file = f"images/{number:05d}.{suffix}"
+            digest = _write_picture(dst / file, frame.image, quality)
+            height, width = frame.image.shape[:2]
+            line = {"file": file, "sha256": digest, **asdict(frame.rig_pose), "width": width, "height": height}
+            frames.write(json.dumps(line) + "\n")
+            truths.write(json.dumps(truth_record(rig, file, pose)) + "\n")
+    return dst
+
+
+def _write_picture(path: Path, image: Image, quality: int | None) -> str:
+    """Encode and write a picture; returns its SHA-256."""
+    import cv2
+
+    options = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
+    good, encoded = cv2.imencode(path.suffix, image, options)
+    if not good:
+        raise ImageGridError("picture could not be encoded", where=str(path), remedy="Choose PNG, or another quality")
+    data = encoded.tobytes()
+    path.write_bytes(data)
+    return hashlib.sha256(data).hexdigest()
 
 
 def truth_record(rig: RenderedRig, file: str, pose: RigPose) -> dict[str, Any]:

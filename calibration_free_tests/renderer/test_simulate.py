@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,7 +14,7 @@ from calibration_free_tests.renderer.bench_building import model_base
 from recognition.modelbase import ModelBase, PartClass
 from rig.errors import InputError
 from sim_backends.rendered_rig import Lattice
-from sim_backends.simulate import draw_scene, rendered_rig, truth_record
+from sim_backends.simulate import draw_scene, rendered_rig, simulate, truth_record
 
 SIZE = (320, 240)
 
@@ -52,3 +55,22 @@ def test_a_rendered_rig_can_offer_a_lattice() -> None:
     rig = rendered_rig(draw_scene(model_base(), "bench building", 3), size=SIZE, offers=Lattice(zooms=(0.0, 1.0)))
     assert rig.move_to(rig.nearest(rig.pose)) in rig.reachable()
     assert rig.capture().image.shape == (240, 320, 3)
+
+
+def test_simulate_writes_pictures_poses_digests_and_truth(tmp_path: Path) -> None:
+    rig = rendered_rig(draw_scene(model_base(), "bench building", 3), size=SIZE, zooms=(0.5,))
+    poses = rig.reachable()[:3]
+    grid = simulate(rig, poses, tmp_path / "grid")
+    frames = [json.loads(line) for line in (grid / "frames.jsonl").read_text().splitlines()]
+    truths = [json.loads(line) for line in (grid / "truth.jsonl").read_text().splitlines()]
+    assert [f["file"] for f in frames] == [t["file"] for t in truths]
+    for pose, frame, truth in zip(poses, frames, truths, strict=True):
+        data = (grid / frame["file"]).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == frame["sha256"]
+        rig.move_to(pose)
+        assert np.array_equal(cv2.imread(str(grid / frame["file"])), rig.capture().image)
+        assert (frame["x_mm"], frame["theta_deg"], frame["zoom"]) == (pose.x_mm, pose.theta_deg, pose.zoom)
+        assert not {"fx", "camera_in_object", "parts"} & set(frame)
+        assert truth["camera_in_object"]["x_mm"] != pytest.approx(frame["x_mm"], abs=0.1)
+    with pytest.raises(InputError, match="already"):
+        simulate(rig, poses, grid)
