@@ -132,8 +132,8 @@ def _corners(part: PartEntry, location: Location, checker: Checker) -> FloatArra
 
 
 def _units_are_plausible(corners: Sequence[FloatArray], location: Location, checker: Checker) -> bool:
-    sizes = np.array([np.linalg.norm(np.ptp(points, axis=0)) for points in corners])
-    furthest = max(float(np.abs(points).max()) for points in corners)
+    sizes, _ = part_rules.sizes_and_normals(corners)
+    furthest = float(np.abs(np.concatenate(corners)).max())
     if sizes.max() < SMALLEST_PART_MM and sizes.max() > 0:
         message = f"the largest part is {sizes.max():.3g} mm across, which looks like metres"
         checker.add(location, message, "Lengths are millimetres: multiply them by 1000.")
@@ -243,8 +243,9 @@ def _check_sides(
             checker.add(where, f"the object has no face '{part.face}'", did_you_mean(part.face, by_id))
         elif part.face is not None and index in sound:
             on_face[part.face].append(index)
+    _, all_normals = part_rules.sizes_and_normals(corners)
     for name, members in on_face.items():
-        normals = np.stack([part_rules.area_normals(corners[index][None])[0] for index in members])
+        normals = all_normals[members]
         face = by_id.get(name)
         outside = (
             normals.sum(axis=0) + normals[0] / 2 if face is None else part_rules.area_normals(face.corners_mm[None])[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +44,20 @@ def area_normals(corners: FloatArray) -> FloatArray:
     area = -np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
     length = np.linalg.norm(area, axis=1, keepdims=True)
     return np.asarray(np.divide(area, length, out=np.zeros_like(area), where=length > 0))
+
+
+def sizes_and_normals(polygons: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """`size` ``(n,)`` and `area_normals` ``(n, 3)`` of n polygons of any numbers of corners, ``(k, 3)`` each."""
+    counts = np.array([len(corners) for corners in polygons])
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    points = np.concatenate(polygons)
+    following = np.arange(1, len(points) + 1)
+    following[starts + counts - 1] = starts
+    extent = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
+    area = -np.add.reduceat(np.cross(points, points[following]), starts)
+    length = np.linalg.norm(area, axis=1, keepdims=True)
+    normals = np.divide(area, length, out=np.zeros_like(area), where=length > 0)
+    return np.linalg.norm(extent, axis=1), normals
 
 
 def repeats_a_corner(corners: FloatArray) -> BoolArray:

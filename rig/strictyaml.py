@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Iterator
@@ -143,10 +144,9 @@ class StrictReader:
             raise self._refusal("a key must be a word", mark, "Remove the '?' or the brackets before the colon.")
         key = str(event.value)
         if event.implicit[0]:
-            value, trouble = plain_scalar(key)
             if key == "<<":
                 raise self._refusal("merge keys (<<) are not used here", mark, "Write the keys out.")
-            if trouble is not None or not isinstance(value, str):
+            if not _is_plain_word(key):
                 raise self._refusal(
                     f"the key {key!r} could be read as something else", mark, f'Write "{key}" in quotes.'
                 )
@@ -187,6 +187,13 @@ class StrictReader:
 
 def _mark(event: Any) -> Mark:
     return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
+
+
+@functools.lru_cache(maxsize=1024)
+def _is_plain_word(text: str) -> bool:
+    # Files hold few different keys, many times each.
+    value, trouble = plain_scalar(text)
+    return trouble is None and isinstance(value, str)
 
 
 def plain_scalar(text: str) -> tuple[Any, tuple[str, str] | None]:

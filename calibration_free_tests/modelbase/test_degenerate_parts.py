@@ -58,7 +58,7 @@ DEGENERATE: dict[str, tuple[str, Maker]] = {
     "repeated opposite": ("DW4", lambda c, i, r: replaced(c, i, c[i - 2])),
     "nearly repeated": ("DW4", lambda c, i, r: replaced(c, i, c[i - 1] + r.uniform(-0.01, 0.01, 3))),
     "all the same": ("DW4", lambda c, i, r: np.repeat(c[:1], 4, axis=0)),
-    "on one line": ("DW4", lambda c, i, r: c[0] + np.outer(np.sort(r.uniform(0, 1, 4)), c[1] - c[0])),
+    "on one line": ("DW4", lambda c, i, r: c[0] + np.outer([0, *r.uniform(0.1, 0.9, 2), 1], c[1] - c[0])),
     "nearly on one line": ("DW4", lambda c, i, r: c[[0, 1, 1, 0]] + np.outer([0, 0, 0.005, 0.005], c[3] - c[0])),
     "three on one line": (
         "DW4",

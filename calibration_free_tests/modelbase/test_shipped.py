@@ -17,7 +17,6 @@ from recognition.modelbase import ModelBase, ObjectModel
 from recognition.modelbase_file import json_schema
 from recognition.modelbase_io import describe, load_model_base, shipped_model_bases
 from sim_backends.scenes import architecture
-from sim_backends.scenes.distinct import FEWEST_DIFFERENCES, RADIUS_MM
 from sim_backends.scenes.ship import shipped_texts
 from sim_backends.scenes.surroundings import differences, share_with_a_twin
 
@@ -73,9 +72,10 @@ def test_other_seeds_give_other_buildings_with_the_same_counts() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_two_places_have_the_same_surroundings(name: str) -> None:
-    unlike = differences(shipped(name).objects, RADIUS_MM)
-    np.fill_diagonal(unlike, FEWEST_DIFFERENCES)
-    assert unlike.min() >= FEWEST_DIFFERENCES
+    # Within four bays; and by two parts at least, so that one missed part does not make two places the same.
+    unlike = differences(shipped(name).objects, 280.0)
+    np.fill_diagonal(unlike, 99)
+    assert unlike.min() >= 2
 
 
 @pytest.mark.parametrize(("name", "cross", "block"), [("architecture", 0.75, 0.55), ("campus", 0.95, 0.9)])
