@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,7 @@ def rendered_rig(
     )
 
 
-def simulate(rig: RenderedRig, poses: Sequence[RigPose], dst: Path, *, quality: int | None = None) -> Path:
+def simulate(rig: RenderedRig, poses: Iterable[RigPose], dst: Path, *, quality: int | None = None) -> Path:
     """Take a picture at each pose and write an image grid: ``images/``, ``frames.jsonl``, ``truth.jsonl``.
 
     Args:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rig.cli import model, runs
+from rig.cli import model, runs, simulating
 from rig.errors import RigError
 
 DONE, FAILED, BAD_INPUT, HARDWARE_FAULT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -80,7 +80,7 @@ def rig(
     """
 
 
-for _module in (model, runs):
+for _module in (simulating, model, runs):
     _module.register(app)
 
 
