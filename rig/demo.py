@@ -1,10 +1,11 @@
-"""The demonstration: an architecture model, rendered, and a first view that fits as many places as possible."""
+"""The demonstration: an architecture model rendered into an image grid, and a first view that fits most places."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,12 +14,13 @@ from recognition.modelbase_io import load_model_base
 from rig.hal import RigPose
 from sim_backends.internals_policy import ChangingInternals, FixedByZoom
 from sim_backends.rendered_rig import RenderedRig
-from sim_backends.scene import Scene
-from sim_backends.viewpoints import draw_placement, limits_around, viewing_poses
+from sim_backends.simulate import draw_scene, rendered_rig, simulate
 
 MODELS = "architecture"
-STAND_OFF_MM = (220.0,)
+JPEG_QUALITY = 93
 CANDIDATES = 80
+
+Progress = Callable[[Sequence[RigPose]], Iterable[RigPose]]
 
 
 @dataclass(frozen=True)
@@ -26,49 +28,55 @@ class Demonstration:
     """What is to be recognised, and from where.
 
     Attributes:
-        rig: stands at ``start``; it renders what its camera sees, and the camera's internals change with every view.
-        true_object: what stands in front of the rig; the recogniser is not told.
-        parts_in_view: fully visible parts in the first view, by class.
+        grid: folder of the image grid.
+        models: what the object may be.
+        start: the first view.
+        true_object: what was rendered; the recogniser is not told.
+        in_view: what the first view shows, by part-class.
     """
 
-    rig: RenderedRig
+    grid: Path
     models: ModelBase
     start: RigPose
     true_object: str
-    parts_in_view: Counter[str]
+    in_view: Counter[str]
+
+    @property
+    def places_that_fit(self) -> int:
+        """Parts in the model base of a class that the first view shows: places where the camera might be."""
+        return sum(part.part_class in self.in_view for thing in self.models.objects for part in thing.parts)
 
 
-def prepare(seed: int) -> Demonstration:
-    """Set one of the models up at an unknown place, and stand in front of a spot of it that tells little."""
-    rng = np.random.default_rng(seed)
+def prepare(grid: Path, seed: int, progress: Progress = lambda poses: poses) -> Demonstration:
+    """Render one of the models at an unknown place, by a camera whose internals change with every view.
+
+    Args:
+        grid: folder to write the image grid to, new or empty.
+        seed: chooses the object, its place, its looks and the noise.
+        progress: shows how far the rendering is while it hands the poses on.
+    """
     models = load_model_base(MODELS)
+    rng = np.random.default_rng([seed, 3])
     thing = models.objects[int(rng.integers(len(models.objects)))]
-    placement = draw_placement(rng)
-    poses = viewing_poses(thing, placement, STAND_OFF_MM)
-    rig = RenderedRig(
-        Scene(thing, placement),
-        limits_around(poses),
-        poses,
-        internals=ChangingInternals(FixedByZoom(), f_sd=0.03, centre_sd_px=15.0),
-        seed=seed,
-    )
-    start, seen = _most_ambiguous(rig, [poses[int(k)] for k in rng.permutation(len(poses))[:CANDIDATES]], models)
-    rig.move_to(start)
-    return Demonstration(rig, models, start, thing.id, seen)
+    internals = ChangingInternals(FixedByZoom(), f_sd=0.03, centre_sd_px=15.0)
+    rig = rendered_rig(draw_scene(models, thing.id, seed), zooms=(0.0,), internals=internals, seed=seed)
+    poses = list(rig.reachable())
+    start, in_view = _most_ambiguous(rig, [poses[int(k)] for k in rng.permutation(len(poses))[:CANDIDATES]], models)
+    simulate(rig, progress(poses), grid, quality=JPEG_QUALITY)
+    return Demonstration(grid, models, start, thing.id, in_view)
 
 
 def _most_ambiguous(rig: RenderedRig, poses: Sequence[RigPose], models: ModelBase) -> tuple[RigPose, Counter[str]]:
-    """The pose whose fully visible parts are few and of common classes, so that most places fit the view."""
+    """The pose whose fully visible parts are fewest and of the commonest classes, so that most places fit."""
     common = Counter(part.part_class for thing in models.objects for part in thing.parts)
-    total = common.total()
     best: tuple[float, RigPose, Counter[str]] | None = None
     for pose in poses:
-        seen = Counter(p.part_class for p in rig.parts(pose) if p.fully_in_frame and p.visible_fraction > 0.9)
+        shown = [part for part in rig.parts(pose) if part.fully_in_frame and part.visible_fraction > 0.9]
+        seen = Counter(part.part_class for part in shown)
+        # A view without parts fits anything, but says nothing either: it would be no beginning.
         if not seen:
             continue
-        told_bits = sum(number * -np.log2(common[name] / total) + 1.0 * number for name, number in seen.items())
+        told_bits = sum(number * (1.0 - np.log2(common[name] / common.total())) for name, number in seen.items())
         if best is None or told_bits < best[0]:
             best = (float(told_bits), pose, seen)
-    if best is None:
-        return poses[0], Counter()
-    return best[1], best[2]
+    return (poses[0], Counter()) if best is None else best[1:]
