@@ -1,0 +1,148 @@
+"""Segments a picture by thresholds at several levels and turns the boundaries of its regions into polygons."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from rig.hal import Image
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+
+_SLACK = (0.02, 0.035, 0.05, 0.07)  # of a polygon, as shares of the outline's length
+_FILLED = 0.85  # share of its hull that a quadrilateral's area must have
+
+
+def level_planes(image: Image) -> list[Image]:
+    """The 8-bit planes to be segmented, each ``(h, w)``: grey, and for colour pictures redness against blue."""
+    import cv2
+
+    if image.ndim == 2 or image.shape[2] == 1:
+        return [_bytes(cv2.GaussianBlur(np.ascontiguousarray(image.reshape(image.shape[:2])), (5, 5), 1.0))]
+    smooth = _bytes(cv2.GaussianBlur(np.ascontiguousarray(image[..., :3]), (5, 5), 1.0))
+    grey = _bytes(cv2.cvtColor(smooth, cv2.COLOR_BGR2GRAY))
+    blue, red = smooth[..., 0], smooth[..., 2]
+    redness = _bytes(cv2.addWeighted(red, 0.5, blue, -0.5, 128.0))
+    return [grey, np.ascontiguousarray(blue), redness]
+
+
+def masks(plane: Image, levels: int, least_step: float = 4.0) -> Iterator[Image]:
+    """Binary pictures of a plane at up to ``levels`` thresholds, evenly between its dark and its bright end.
+
+    Levels lie at least ``least_step`` grey levels apart: a plane without contrast gives few masks, or none.
+    """
+    import cv2
+
+    low, high = (float(v) for v in np.percentile(plane[::4, ::4], [1, 99]))
+    count = min(levels, int((high - low) / least_step))
+    for level in np.linspace(low, high, count + 2)[1:-1]:
+        yield _bytes(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1])
+
+
+def local_masks(plane: Image, block: int, offsets: Sequence[float]) -> Iterator[Image]:
+    """Binary pictures of a plane against its own mean over a ``block``, shifted by ``offsets``."""
+    import cv2
+
+    mean = cv2.blur(plane, (block, block))
+    for offset in offsets:
+        # The mean shifted in one saturating pass: scale 1, plus an offset.
+        yield _bytes(cv2.compare(plane, cv2.convertScaleAbs(mean, alpha=1.0, beta=offset), cv2.CMP_GT))
+
+
+def outlines(mask: Image, least_px: float, border_px: int = 1) -> Iterator[IntArray]:
+    """Boundaries ``(m, 1, 2)`` of all bright and dark regions that are large enough and do not touch the border."""
+    import cv2
+
+    height, width = mask.shape
+    contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+    for contour in contours:
+        if len(contour) < 4:
+            continue
+        x, y, w, h = cv2.boundingRect(contour)
+        if min(w, h) < least_px or x < border_px or y < border_px:
+            continue
+        if x + w > width - border_px or y + h > height - border_px:
+            continue
+        yield np.asarray(contour, dtype=np.int32)
+
+
+def polygons(contours: Iterable[IntArray], counts: Sequence[int], least_px: float) -> dict[int, list[FloatArray]]:
+    """Polygons by number of corners, each ``(n, 2)`` clockwise as seen; quadrilaterals are taken of the hulls.
+
+    Args:
+        contours: boundaries of regions.
+        counts: numbers of corners that part-classes have.
+        least_px: smallest side of a quadrilateral, and of a bounding box.
+    """
+    import cv2
+
+    found: dict[int, list[FloatArray]] = {n: [] for n in counts}
+    many = [n for n in counts if n > 4]
+    for contour in contours:
+        hull = cv2.convexHull(contour)
+        hull_area = cv2.contourArea(hull)
+        if hull_area < least_px**2:
+            continue
+        if 4 in found:
+            quad = _quadrilateral(np.asarray(hull, dtype=np.int32), hull_area)
+            if quad is not None:
+                found[4].append(_clockwise(quad))
+        if many and cv2.contourArea(contour) < 0.97 * hull_area:
+            for polygon in _polygons_of(contour, many):
+                found[len(polygon)].append(_clockwise(polygon))
+    return found
+
+
+def _quadrilateral(hull: IntArray, hull_area: float) -> FloatArray | None:
+    import cv2
+
+    length = cv2.arcLength(hull, True)
+    for slack in _SLACK:
+        polygon = cv2.approxPolyDP(hull, slack * length, True)
+        if len(polygon) <= 4:
+            break
+    if len(polygon) != 4 or cv2.contourArea(polygon) < _FILLED * hull_area:
+        return None
+    return polygon[:, 0].astype(np.float64)
+
+
+def _polygons_of(contour: IntArray, counts: Sequence[int]) -> Iterator[FloatArray]:
+    """The polygons with a wanted number of corners that a boundary is at some slack."""
+    import cv2
+
+    length = cv2.arcLength(contour, True)
+    seen = 0
+    for slack in (0.008, 0.012, 0.018, 0.027, 0.04):
+        polygon = cv2.approxPolyDP(contour, slack * length, True)
+        if len(polygon) < min(counts):
+            return
+        if len(polygon) in counts and len(polygon) != seen:
+            seen = len(polygon)
+            yield polygon[:, 0].astype(np.float64)
+
+
+def _bytes(picture: npt.NDArray[Any]) -> Image:
+    """What OpenCV returned, as the 8-bit picture that it is."""
+    return cast("Image", picture)
+
+
+def _clockwise(polygon: FloatArray) -> FloatArray:
+    """The polygon with its corners clockwise as seen (y down)."""
+    x, y = polygon.T
+    return polygon if x @ np.roll(y, -1) - y @ np.roll(x, -1) > 0 else polygon[::-1]
+
+
+def find_polygons(image: Image, counts: Sequence[int], least_px: float, levels: int) -> dict[int, list[FloatArray]]:
+    """Polygons by number of corners (as in `polygons`) of all regions at all levels of all planes of a picture."""
+    found: dict[int, list[FloatArray]] = {n: [] for n in counts}
+    for number, plane in enumerate(level_planes(image)):
+        pictures = [masks(plane, levels if number == 0 else max(2, levels - 4))]
+        pictures += [local_masks(plane, block, (-5.0, 5.0)) for block in (31, 101)]
+        for mask in (mask for group in pictures for mask in group):
+            for n, some in polygons(outlines(mask, least_px), counts, least_px).items():
+                found[n].extend(some)
+    return found
