@@ -83,3 +83,12 @@ def test_no_outlines_give_empty_evidence():
     evidence = measure_outlines(EdgeField(np.zeros((20, 20), np.uint8)), np.zeros((0, 4, 2)))
     assert evidence.score.shape == (0,)
     assert evidence.corners_px.shape == (0, 4, 2)
+
+
+def test_a_strong_inner_edge_does_not_draw_the_outline_away_from_its_weaker_outer_edge():
+    image = np.full((240, 220), 150.0)
+    draw_polygon(image, QUAD, 125.0)
+    inner = QUAD + 5.0 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    draw_polygon(image, inner, 60.0)
+    edge_field = EdgeField(as_photo(image, np.random.default_rng(7)))
+    assert np.abs(measure_outlines(edge_field, QUAD[None] + 1.0).corners_px - QUAD).max() < 1.0

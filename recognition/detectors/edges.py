@@ -23,6 +23,9 @@ Float32Array = npt.NDArray[np.float32]
 _SMOOTHING_PX = 1.0
 _NOISE_LEVELS = 0.8
 """Gradients of this size, grey levels per pixel, count as noise; also the floor where the picture is flat."""
+_NEARNESS, _OUTWARD = 0.5, 1 / 6
+"""Spread and place of the edge expected, as shares of the radius. On photographs with predictions 3 px off, corners
+within 3 px rose from 0.57 and 0.74 (wide, tele) without an expectation to 0.87 and 0.85."""
 _TILTS_PX = (-2, -1, 0, 1, 2)
 _BLOCKS = 4
 _MAP_COLUMNS = 4096
@@ -62,16 +65,16 @@ class EdgeField:
         self.height, self.width = int(image.shape[0]), int(image.shape[1])
         self.planes = opponent_planes(image)
 
-    def sample(self, points_px: Float32Array) -> Float32Array:
-        """Bilinear samples ``(..., c)`` at ``(..., 2)`` pixels; the border is repeated outside."""
-        flat = points_px.reshape(-1, 2)
-        rows = max(1, -(-len(flat) // _MAP_COLUMNS))
+    def sample(self, x_px: Float32Array, y_px: Float32Array) -> Float32Array:
+        """Bilinear samples ``(..., c)`` at pixels ``(...)``; the border is repeated outside."""
+        rows = max(1, -(-x_px.size // _MAP_COLUMNS))
         maps = np.zeros((2, rows * _MAP_COLUMNS), np.float32)
-        maps[:, : len(flat)] = flat.T
+        maps[0, : x_px.size] = x_px.ravel()
+        maps[1, : x_px.size] = y_px.ravel()
         x, y = maps.reshape(2, rows, _MAP_COLUMNS)
         values = cv2.remap(self.planes, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         channels = self.planes.shape[2]
-        return np.asarray(values.reshape(-1, channels)[: len(flat)].reshape(*points_px.shape[:-1], channels))
+        return np.asarray(values.reshape(-1, channels)[: x_px.size].reshape(*x_px.shape, channels))
 
 
 def opponent_planes(image: Image) -> Float32Array:
@@ -146,14 +149,18 @@ def _side_frames(polygons: FloatArray, samples: int) -> _SideFrames:
 def _gradients_across(edge_field: EdgeField, frame: _SideFrames, reach: int) -> tuple[Float32Array, BoolArray]:
     """Colour gradients along the outward normals ``(K, n, S, 2 reach + 1, c)``; which samples are in the picture."""
     steps = np.arange(-reach - 1, reach + 2, dtype=np.float32)
-    base = (frame.centre[:, :, None] + frame.along[:, None] * frame.half[:, :, None]).astype(np.float32)
-    points = base[:, :, :, None] + steps[:, None] * frame.normal.astype(np.float32)[:, :, None, None]
-    values = edge_field.sample(points)
-    limits = np.array([edge_field.width - 1, edge_field.height - 1])
-    inside: BoolArray = np.asarray(((base >= 0) & (base <= limits)).all(axis=-1))
-    gradients = (values[..., 2:, :] - values[..., :-2, :]) / 2
-    gradients *= inside[..., None, None]
-    return gradients.astype(np.float32, copy=False), inside
+    limits = (edge_field.width - 1, edge_field.height - 1)
+    inside = np.ones((*frame.centre.shape[:2], len(frame.along)), bool)
+    points = []
+    for axis, limit in enumerate(limits):
+        base = frame.centre[..., axis, None] + frame.along * frame.half[..., axis, None]
+        inside &= (base >= 0) & (base <= limit)
+        across = frame.normal.astype(np.float32)[..., axis, None, None] * steps
+        points.append(base.astype(np.float32)[..., None] + across)
+    values = edge_field.sample(points[0], points[1])
+    gradients = values[..., 2:, :] - values[..., :-2, :]
+    gradients *= 0.5 * inside[..., None, None].astype(np.float32)
+    return gradients, inside
 
 
 def _strongest_step(gradients: Float32Array, reach: int) -> tuple[FloatArray, FloatArray, Float32Array]:
@@ -168,10 +175,10 @@ def _strongest_step(gradients: Float32Array, reach: int) -> tuple[FloatArray, Fl
         sums.append(sum(padded[:, :, b, shift[b] : shift[b] + D] for b in range(_BLOCKS)) / _BLOCKS)
     steps = np.stack(sums, axis=2)
     height = np.linalg.norm(steps, axis=-1)
-    # Slightly prefer what was predicted: among equal steps the nearer and less tilted one is meant.
-    distance = np.abs(np.arange(-reach, reach + 1)) / max(reach, 1)
-    tilts = np.abs(np.array(_TILTS_PX)) / 2
-    height = height * (1 - 0.15 * distance) * (1 - 0.1 * tilts[:, None])
+    # Near to what was predicted, yet a little outward: a window's frame, reveal and panes lie inside its outline.
+    distance = np.arange(-reach, reach + 1) / reach
+    expected = np.exp(-0.5 * ((distance - _OUTWARD) / _NEARNESS) ** 2)
+    height = height * expected * (1 - 0.05 * np.abs(np.array(_TILTS_PX)))[:, None]
     best = height.reshape(K, n, len(_TILTS_PX) * D).argmax(axis=-1)
     tilt_index, offset_index = np.divmod(best, D)
     colour = np.take_along_axis(steps.reshape(K, n, len(_TILTS_PX) * D, C), best[..., None, None], axis=2)[:, :, 0]
