@@ -21,16 +21,23 @@ class BenchBounds:
         distance_max_mm: no part that is seen is farther from the camera than this.
         view_angle_min_deg: the lens's narrowest horizontal angle of view.
         view_angle_max_deg: the lens's widest horizontal angle of view.
+        motion_sd_mm: standard deviation of the positions that the rig reads back, per axis.
+        motion_sd_deg: standard deviation of the pans that the rig reads back.
     """
 
     distance_min_mm: float = 50.0
     distance_max_mm: float = 100_000.0
     view_angle_min_deg: float = 2.0
     view_angle_max_deg: float = 120.0
+    motion_sd_mm: float = 0.0
+    motion_sd_deg: float = 0.0
 
     def __post_init__(self) -> None:
         _check_range("distance_mm", self.distance_min_mm, self.distance_max_mm, math.inf)
         _check_range("view_angle_deg", self.view_angle_min_deg, self.view_angle_max_deg, 180.0)
+        for name, value in (("motion_sd_mm", self.motion_sd_mm), ("motion_sd_deg", self.motion_sd_deg)):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{value} is no standard deviation", where=name, remedy="Give 0 or more")
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import product
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pydantic import ValidationError
@@ -51,12 +51,13 @@ class ImageGrid:
         return load_image(self.folder / frame.file, sha256=frame.sha256, size=size)
 
     def frame(self, file: str) -> GridFrame:
-        """The frame of a picture file, by its path inside the folder, or by its name alone where only one has it.
+        """The frame of a picture file, by its path inside the folder, or by its name or stem where only one has it.
 
         Raises:
             ImageGridError: there is none, or several.
         """
-        found = [f for f in self.frames if f.file == file] or [f for f in self.frames if f.file.endswith(f"/{file}")]
+        found = [f for f in self.frames if f.file == file]
+        found = found or [f for f in self.frames if file in (PurePosixPath(f.file).name, PurePosixPath(f.file).stem)]
         if len(found) == 1:
             return found[0]
         known = [f.file for f in found] or [f.file for f in self.frames]
@@ -95,6 +96,7 @@ def read_grid(folder: Path, *, allow_partial: bool = False) -> ImageGrid:
         info = load_model(folder / INFO, GridInfo, BENCH_MAX_BYTES, error=ImageGridError)
     frames, problems, gaps = _read_lines(manifest)
     problems += _duplicates(frames, manifest) + _other_sizes(frames, info, manifest)
+    problems += _leading_out(frames, folder, manifest)
     present = [frame for frame in frames if (folder / frame.file).is_file()]
     gaps += [_missing_file(frame, manifest) for frame in frames if not (folder / frame.file).is_file()]
     if info.layout == "lattice" and not problems:
@@ -210,6 +212,15 @@ def _other_sizes(frames: Iterable[GridFrame], info: GridInfo, manifest: Path) ->
         Problem(f"{manifest}:{f.line}", f"{f.file} is {f.width} x {f.height} pixels, {INFO} says {told}", "Correct one")
         for f in frames
         if any(own not in (None, whole) for own, whole in zip((f.width, f.height), info.image_size, strict=True))
+    ]
+
+
+def _leading_out(frames: Iterable[GridFrame], folder: Path, manifest: Path) -> list[Problem]:
+    root, remedy = folder.resolve(), "Put the picture itself into the grid's folder"
+    return [
+        Problem(f"{manifest}:{f.line}", f"{f.file} is a link that leads out of the grid's folder", remedy)
+        for f in frames
+        if not (folder / f.file).resolve().is_relative_to(root)
     ]
 
 
