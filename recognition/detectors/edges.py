@@ -199,12 +199,17 @@ def _edge_per_sample(
     line = middle[..., None] + tilt[..., None] * along
     start = np.clip(np.round(line).astype(int) + reach - 2, 0, max(2 * reach - 4, 0))
     width = min(5, signed.shape[-1])
-    window = np.take_along_axis(signed, start[..., None] + np.arange(width), axis=-1)
-    peak = window.argmax(axis=-1)
+    # Only true peaks count: the flank of a stronger neighbouring edge may be higher, but is no edge.
+    peaked = np.zeros_like(signed)
+    centre = signed[..., 1:-1]
+    crest = (centre >= signed[..., :-2]) & (centre >= signed[..., 2:])
+    peaked[..., 1:-1] = np.where(crest, centre, 0.0)
+    peak = np.take_along_axis(peaked, start[..., None] + np.arange(width), axis=-1).argmax(axis=-1)
     inner = np.clip(start + peak, 1, 2 * reach - 1)
     left, top, right = np.moveaxis(np.take_along_axis(signed, inner[..., None] + np.array([-1, 0, 1]), axis=-1), -1, 0)
     bend = left - 2 * top + right
     shift = np.where(bend < -1e-6, 0.5 * (left - right) / np.where(bend < -1e-6, bend, -1.0), 0.0)
+    top = np.where((top >= left) & (top >= right), top, 0.0)
     return (inner - reach + np.clip(shift, -0.5, 0.5)).astype(np.float64), top.astype(np.float64)
 
 
