@@ -39,7 +39,8 @@ def test_every_command_has_help_with_an_example(path: tuple[str, ...], capsys: p
 
 def test_commands_of_the_design_are_there() -> None:
     names = {" ".join(path) for path in EVERY}
-    assert names >= {"model check", "model show", "report", "replay"}
+    assert names >= {"demo", "recognise", "simulate", "report", "replay"}
+    assert names >= {"model check", "model show", "import lightfield"}
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -58,6 +59,12 @@ def test_help_imports_nothing_heavy() -> None:
         (["replya"], "Did you mean 'replay'"),
         (["replay"], "Missing argument"),
         (["replay", "--bogus"], "No such option"),
+        (["recognise", "--models", "architecture", "--threshold", "much", "--grid", "x"], "--threshold"),
+        (["recognise", "--grid", "x"], "Missing option '--models'"),
+        (["recognise", "--models", "architecture", "--grid", "x", "--detector", "segmentatoin"], "segmentation"),
+        (["recognise", "--models", "architecture", "--grid", "x", "--mode", "papre"], "graded"),
+        (["simulate", "architecture", "GG", "grid"], "Choose one of: LH, DS, GH"),
+        (["import", "lightfield", ".", "grid"], "r00_c16.jpg"),
         (["replay", "nowhere"], "not a run folder"),
         (["report", "nowhere"], "not a run folder"),
         (["model", "check", "architectur"], "Did you mean 'architecture'"),

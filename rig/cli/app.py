@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rig.cli import model, runs, simulating
+from rig.cli import importing, model, recognising, runs, simulating
 from rig.errors import RigError
 
 DONE, FAILED, BAD_INPUT, HARDWARE_FAULT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -55,7 +55,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     epilog="\b\nExample:\n  rig demo",
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -80,7 +80,7 @@ def rig(
     """
 
 
-for _module in (simulating, model, runs):
+for _module in (recognising, simulating, model, runs, importing):
     _module.register(app)
 
 

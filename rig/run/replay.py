@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from recognition.modelbase import Face, FloatArray, ObjectModel, Part
 from recognition.steps import Answer, Move, Step
 from rig.errors import InputError
 from rig.hal import Image
+from rig.imagegrid import load_image
 from rig.run.events import SCHEMA, Event, answer_of, move_of, step_of
 from rig.run.recorder import Steps
 from rig.run.result import aborted_answer
@@ -184,22 +184,11 @@ class _Journal:
             raise self._damaged("an event follows the end of the run")
 
     def _image(self, view: Event) -> Image:
-        import cv2
-
         file = PurePosixPath(view["file"])
         if len(file.parts) != 2 or file.parts[0] != "views" or ".." in file.parts:
             raise self._damaged(f"{view['file']!r} is not a file in the run's views folder")
-        path = self._folder / file
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise self._damaged(f"the picture {file} cannot be read ({error.strerror})") from error
-        if hashlib.sha256(data).hexdigest() != view["sha256"]:
-            raise self._damaged(f"the picture {file} has changed since the run: its SHA-256 differs")
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise self._damaged(f"the picture {file} cannot be decoded")
-        return np.asarray(image, dtype=np.uint8)
+        # Names the file, and checks size and digest before the decoder sees a byte.
+        return load_image(self._folder / file, sha256=str(view["sha256"]), size=(view["width"], view["height"]))
 
     def _damaged(self, message: str, remedy: str = "The views before this line are whole") -> InputError:
         return InputError(message, where=self.place, remedy=remedy)
