@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +51,15 @@ class EdgeFit:
     support: FloatArray
     contrast: FloatArray
 
+    def take(self, index: npt.NDArray[Any]) -> EdgeFit:
+        """Those polygons that an index, or a mask ``(K,)``, selects."""
+        return EdgeFit(self.corners_px[index], self.offset_px[index], self.support[index], self.contrast[index])
+
+    def joined(self, other: EdgeFit) -> EdgeFit:
+        """These polygons and those of another fit."""
+        names = ("corners_px", "offset_px", "support", "contrast")
+        return EdgeFit(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+
 
 @dataclass(frozen=True, slots=True)
 class _Frames:
@@ -93,6 +103,19 @@ def fit_edges(planes: Float32Array, polygons: FloatArray, radius_px: float = 3.5
     contrast = np.median(strength, axis=2)
     good = (np.abs(found - line) < _ON_LINE_PX) & (strength > _WEAK * contrast[..., None]) & (strength > 0)
     return EdgeFit(_corners(frames, middle, slope), middle, good.mean(axis=2), np.maximum(contrast, 0.0))
+
+
+def mean_profiles(planes: Float32Array, polygons: FloatArray, reach_px: float) -> tuple[FloatArray, Float32Array]:
+    """Places ``(o,)`` along the outward normals, and mean steps ``(K, n, o, c)`` across the edges there."""
+    frames = _Frames.of(polygons, 16)
+    reach = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2)
+    steps = np.diff(_profiles(planes, frames, reach).mean(axis=2), axis=-2)
+    return (reach[1:] + reach[:-1]) / 2, steps
+
+
+def moved_sides(polygons: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Polygons ``(K, n, 2)`` whose sides are moved outwards by ``(K, n)`` pixels; NaN where sides get parallel."""
+    return _corners(_Frames.of(polygons, 1), offsets, np.zeros_like(offsets))
 
 
 def _profiles(planes: Float32Array, frames: _Frames, reach: FloatArray) -> Float32Array:

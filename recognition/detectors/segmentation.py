@@ -11,6 +11,7 @@ import numpy.typing as npt
 from recognition.detectors import classify
 from recognition.detectors.profiles import EdgeFit, Float32Array, fit_edges, planes_of
 from recognition.detectors.regions import find_polygons
+from recognition.detectors.rings import outer_rings
 from recognition.modelbase import PartClass
 from recognition.parts import DetectedPart
 from rig.errors import InputError
@@ -35,6 +36,8 @@ class SegmentationSettings:
         refined_px: how far the refined edges may lie from the boundary of the region.
         border_px: parts nearer to the picture's border count as cut off.
         shape_px: corners of a part-class with more than four corners fit its canonical frame within this.
+        ring_px: how far outside of an outline a further one is looked for.
+        rings: how many such outlines are proposed per outline.
         most: most parts returned.
     """
 
@@ -47,6 +50,8 @@ class SegmentationSettings:
     refined_px: float = 3.5
     border_px: float = 1.0
     shape_px: float = 2.0
+    ring_px: float = 12.0
+    rings: int = 3
     most: int = 400
 
 
@@ -110,41 +115,39 @@ class SegmentationDetector:
             outlines = outlines[classify.upright_sides(outlines, _QUAD_VERTICAL, 2 * self._settings.upright_deg)]
         outlines = _thinned(outlines, 1.5)
         fit = fit_edges(planes, outlines, self._settings.refined_px)
-        keep = self._sound(fit, outlines, planes.shape[:2])
-        corners, quality = fit.corners_px[keep], _quality(fit)[keep]
-        sigma = _sigma(fit)[keep]
-        order = _distinct(corners, quality, self._settings.same_px)
-        corners, quality, sigma = corners[order], quality[order], sigma[order]
-        return (
-            self._quad_classes(planes, corners, quality, sigma)
-            if n == 4
-            else self._shape_classes(n, corners, quality, sigma)
-        )
+        with np.errstate(invalid="ignore"):
+            near = np.abs(fit.corners_px - outlines).max(axis=(1, 2)) <= 2.5 * self._settings.refined_px
+        fit = self._best(fit.take(near), planes)
+        if n == 4:
+            rings = outer_rings(planes, fit.corners_px, self._settings.ring_px, self._settings.rings)
+            fit = self._best(fit.joined(rings), planes)
+        return self._quad_classes(planes, fit) if n == 4 else self._shape_classes(n, fit)
 
-    def _sound(self, fit: EdgeFit, outlines: FloatArray, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
-        """``(K,)``: strong straight edges all round, near where the region was, inside the picture."""
+    def _best(self, fit: EdgeFit, planes: Float32Array) -> EdgeFit:
+        """The sound outlines, one of each group of near-identical ones, best first."""
+        fit = fit.take(self._sound(fit, planes.shape[:2]))
+        return fit.take(_distinct(fit.corners_px, _quality(fit), self._settings.same_px))
+
+    def _sound(self, fit: EdgeFit, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+        """``(K,)``: strong straight edges all round, inside the picture, and upright if they are quadrilaterals."""
         wanted, border = self._settings, self._settings.border_px
         size = np.array([shape[1], shape[0]])
-        corners = fit.corners_px
         good = (fit.contrast >= wanted.least_contrast).all(axis=1) & (fit.support >= wanted.least_support).all(axis=1)
         with np.errstate(invalid="ignore"):
-            near = np.abs(corners - outlines).max(axis=(1, 2)) <= 2.5 * wanted.refined_px
-            inside = ((corners >= border) & (corners <= size - 1 - border)).all(axis=(1, 2))
-        return np.asarray(good & near & inside)
+            good &= ((fit.corners_px >= border) & (fit.corners_px <= size - 1 - border)).all(axis=(1, 2))
+            if fit.corners_px.shape[1] == 4:
+                good &= classify.upright_sides(fit.corners_px, _QUAD_VERTICAL, wanted.upright_deg)
+        return np.asarray(good)
 
-    def _quad_classes(
-        self, planes: Float32Array, corners: FloatArray, quality: FloatArray, sigma: FloatArray
-    ) -> _Found:
-        upright = classify.upright_sides(corners, _QUAD_VERTICAL, self._settings.upright_deg)
-        corners, quality, sigma = corners[upright], quality[upright], sigma[upright]
-        inside, wall = classify.inside_and_wall(planes, corners)
+    def _quad_classes(self, planes: Float32Array, fit: EdgeFit) -> _Found:
+        inside, wall = classify.inside_and_wall(planes, fit.corners_px)
         by_class = classify.four_corner_scores(self._quads, inside, wall)
-        scores = [{name: float(p[i]) for name, p in by_class.items()} for i in range(len(corners))]
-        return _Found(corners, scores, quality, sigma)
+        scores = [{name: float(p[i]) for name, p in by_class.items()} for i in range(len(fit.corners_px))]
+        return _Found(fit.corners_px, scores, _quality(fit), _sigma(fit))
 
-    def _shape_classes(self, n: int, corners: FloatArray, quality: FloatArray, sigma: FloatArray) -> _Found:
+    def _shape_classes(self, n: int, fit: EdgeFit) -> _Found:
         """Turn each outline to start at its class's first corner, and score the classes by how well it fits them."""
-        turned = [classify.best_turns(corners, shape, self._settings.upright_deg) for shape in self._shapes[n]]
+        turned = [classify.best_turns(fit.corners_px, shape, self._settings.upright_deg) for shape in self._shapes[n]]
         errors = np.array([error for _, error in turned])  # (classes, K)
         fits = np.exp(-0.5 * (errors / (0.5 * self._settings.shape_px)) ** 2)
         best = errors.argmin(axis=0)
@@ -153,7 +156,7 @@ class SegmentationDetector:
         share = fits / total
         scores = [{shape.name: float(share[j, k]) for j, shape in enumerate(self._shapes[n])} for k in known]
         placed = np.array([turned[best[k]][0][k] for k in known]).reshape(-1, n, 2)
-        return _Found(placed, scores, quality[known], sigma[known])
+        return _Found(placed, scores, _quality(fit)[known], _sigma(fit)[known])
 
 
 def make_detector(classes: Sequence[PartClass]) -> SegmentationDetector:
