@@ -20,7 +20,7 @@ Seconds = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
 Internals = Literal["fixed_by_zoom", "change_every_view"]
 
-_BAD_IN_NAME = re.compile(r'[\x00-\x1f\x7f\\:*?"<>|\ud800-\udfff]')
+_BAD_IN_NAME = re.compile(r'[\x00-\x1f\x7f\\:*?"<>|]')
 
 
 class _Strict(BaseModel):

@@ -22,17 +22,19 @@ MAX_FILE_BYTES = 512 * 1024 * 1024
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 _COPY_AGAIN = "Copy it again from its source"
 
 
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """What a picture's first bytes say: its format, its size in pixels and the bits of a channel."""
+    """What a picture's first bytes say: its format, its size in pixels, the bits of a channel, and its channels."""
 
     kind: str
     width: int
     height: int
     bits: int
+    channels: int
 
 
 def load_image(path: Path, *, sha256: str, size: tuple[int | None, int | None] = (None, None)) -> Image:
@@ -91,6 +93,8 @@ def decode_image(data: bytes, source: str, size: tuple[int | None, int | None] =
     header = read_header(data, source)
     if header.bits > 8:
         raise ImageError(f"has {header.bits} bits a channel", where=source, remedy="Convert it to 8 bits")
+    if header.kind == "JPEG" and header.channels not in (1, 3):
+        raise ImageError(f"has {header.channels} colour channels", where=source, remedy="Save it as grey or RGB")
     if header.width * header.height > MAX_PIXELS:
         raise ImageError(
             f"is {header.width} x {header.height} pixels, more than {MAX_PIXELS // 1_000_000} million",
@@ -119,7 +123,7 @@ def read_header(data: bytes, source: str) -> ImageHeader:
         header = _jpeg_header(data)
     else:
         raise ImageError("is neither PNG nor JPEG", where=source, remedy="Convert it to one of them")
-    if header is None or header.width < 1 or header.height < 1:
+    if header is None or min(header.width, header.height, header.channels) < 1:
         raise ImageError("the picture's header is damaged", where=source, remedy=_COPY_AGAIN)
     return header
 
@@ -127,19 +131,19 @@ def read_header(data: bytes, source: str) -> ImageHeader:
 def _png_header(data: bytes) -> ImageHeader | None:
     if len(data) < 33 or data[12:16] != b"IHDR":
         return None
-    width, height, bits = struct.unpack(">IIB", data[16:25])
-    return ImageHeader("PNG", width, height, bits)
+    width, height, bits, colour = struct.unpack(">IIBB", data[16:26])
+    return ImageHeader("PNG", width, height, bits, _PNG_CHANNELS.get(colour, 0))
 
 
 def _jpeg_header(data: bytes) -> ImageHeader | None:
     at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
+    while at + 10 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
         if marker == 0xFF:  # A fill byte before the marker.
             at += 1
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            bits, height, width = struct.unpack(">BHH", data[at + 4 : at + 9])
-            return ImageHeader("JPEG", width, height, bits)
+            bits, height, width, channels = struct.unpack(">BHHB", data[at + 4 : at + 10])
+            return ImageHeader("JPEG", width, height, bits, channels)
         elif marker == 0xDA:  # Pixels begin, and no size was told.
             return None
         else:

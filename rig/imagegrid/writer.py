@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rig.errors import ImageGridError, InputError
+from rig.errors import ImageGridError, InputError, RigError
 from rig.hal import Frame, Image
 from rig.imagegrid.entry import INFO, MANIFEST, TRUTH, FrameEntry, GridFrame, GridInfo, pose_key
 from rig.imagegrid.images import read_header
@@ -31,7 +31,7 @@ class GridWriter:
 
     Raises:
         InputError: there is a grid already.
-        ImageGridError: the folder cannot be written.
+        RigError: the folder cannot be written.
     """
 
     def __init__(self, folder: Path, info: GridInfo) -> None:
@@ -69,7 +69,8 @@ class GridWriter:
             truth: for ``truth.jsonl``, which no recogniser reads; ``file`` is added.
 
         Raises:
-            ImageGridError: the file or the pose is in the grid already, or the picture cannot be encoded or written.
+            ImageGridError: the file or the pose is in the grid already, or the picture cannot be encoded.
+            RigError: the disk is full or refuses; the grid is as it was before.
         """
         extra: dict[str, Any] = {"exposure_s": exposure_s, "exposed_at_s": frame.exposed_at_s, "taken_at": taken_at}
         if frame.commanded != frame.rig_pose:
@@ -81,7 +82,8 @@ class GridWriter:
         """Add a picture that is encoded already, byte for byte; ``entry`` is its line without digest and size.
 
         Raises:
-            ImageGridError: as ``add``, or the entry breaks the manifest's rules.
+            ImageGridError: the file or the pose is in the grid already, or the entry breaks the manifest's rules.
+            RigError: the disk is full or refuses; the grid is as it was before.
             ImageError: the bytes are neither PNG nor JPEG.
         """
         path = self.folder / str(entry.get("file"))
@@ -162,12 +164,18 @@ def _write_whole(path: Path, data: bytes) -> None:
 
 
 def _append(path: Path, line: Mapping[str, Any]) -> None:
-    new = not path.exists()
-    with path.open("ab") as stream:
-        stream.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n")
-        stream.flush()
-        os.fsync(stream.fileno())
-    if new:
+    """Add a line that is either whole or not there; half of one would spoil the next."""
+    before = path.stat().st_size if path.exists() else None
+    try:
+        with path.open("ab") as stream:
+            stream.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError:
+        if path.exists():
+            os.truncate(path, before or 0)
+        raise
+    if before is None:
         _sync_folder(path.parent)
 
 
@@ -183,6 +191,7 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def _cannot_write(path: Path, failure: OSError) -> ImageGridError:
-    reason = failure.strerror or str(failure)
-    return ImageGridError(f"cannot be written: {reason}", where=str(path), remedy="Check space and permissions")
+def _cannot_write(path: Path, failure: OSError) -> RigError:
+    return RigError(
+        f"{path}: cannot be written ({failure.strerror or failure}). Free some space or choose another folder"
+    )
