@@ -13,12 +13,48 @@ from rig.hal import Image
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
-_SLACK = (0.02, 0.035, 0.05, 0.07)  # of a polygon, as shares of the outline's length
+_SLACK = (0.02, 0.035, 0.05, 0.07)  # of a quadrilateral, as shares of the outline's length
+_FINE_SLACK = (0.008, 0.012, 0.018, 0.027, 0.04)  # of polygons with more corners
 _FILLED = 0.85  # share of its hull that a quadrilateral's area must have
+_LARGE_PX = 500_000  # pictures with more pixels are halved where detail does not matter
+_REDNESS_LEVELS = 6
+_BLOCKS = (31, 101)  # neighbourhoods that a pixel is compared with, full size
+_OFFSETS = (-5.0, 5.0)  # grey levels by which it must differ from them
+
+
+def find_polygons(image: Image, counts: Sequence[int], least_px: float, levels: int) -> dict[int, list[FloatArray]]:
+    """Polygons by number of corners (as in `polygons`) of the regions of a picture.
+
+    Grey is segmented at ``levels`` thresholds in full size; colour, and everything against its neighbourhood, at half
+    the size if the picture is large: corners are refined in the full picture anyway.
+    """
+    import cv2
+
+    found: dict[int, list[FloatArray]] = {n: [] for n in counts}
+    planes = level_planes(image)
+    factor = 2 if image.shape[0] * image.shape[1] > _LARGE_PX else 1
+    for mask in masks(planes[0], levels):
+        _add(found, polygons(outlines(mask, least_px), counts, least_px), 1)
+    small = planes
+    if factor > 1:
+        small = [_bytes(cv2.resize(plane, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)) for plane in planes]
+    binary = [
+        mask for plane in small for block in _BLOCKS for mask in local_masks(plane, block // factor | 1, _OFFSETS)
+    ]
+    binary += [mask for plane in small[2:] for mask in masks(plane, _REDNESS_LEVELS)]
+    for mask in binary:
+        _add(found, polygons(outlines(mask, least_px / factor), counts, least_px / factor), factor)
+    return found
+
+
+def _add(found: dict[int, list[FloatArray]], more: dict[int, list[FloatArray]], factor: int) -> None:
+    """Add polygons of a picture that is ``factor`` times smaller; a pixel's coordinates are those of its centre."""
+    for n, some in more.items():
+        found[n].extend(some if factor == 1 else [factor * polygon + 0.5 * (factor - 1) for polygon in some])
 
 
 def level_planes(image: Image) -> list[Image]:
-    """The 8-bit planes to be segmented, each ``(h, w)``: grey, and for colour pictures redness against blue."""
+    """The 8-bit planes to be segmented, each ``(h, w)``: grey, and of colour pictures blue and red against blue."""
     import cv2
 
     if image.ndim == 2 or image.shape[2] == 1:
@@ -90,10 +126,10 @@ def polygons(contours: Iterable[IntArray], counts: Sequence[int], least_px: floa
         if 4 in found:
             quad = _quadrilateral(np.asarray(hull, dtype=np.int32), hull_area)
             if quad is not None:
-                found[4].append(_clockwise(quad))
+                found[4].append(quad)
         if many and cv2.contourArea(contour) < 0.97 * hull_area:
             for polygon in _polygons_of(contour, many):
-                found[len(polygon)].append(_clockwise(polygon))
+                found[len(polygon)].append(polygon)
     return found
 
 
@@ -107,7 +143,7 @@ def _quadrilateral(hull: IntArray, hull_area: float) -> FloatArray | None:
             break
     if len(polygon) != 4 or cv2.contourArea(polygon) < _FILLED * hull_area:
         return None
-    return polygon[:, 0].astype(np.float64)
+    return _clockwise(np.asarray(polygon, dtype=np.int32))
 
 
 def _polygons_of(contour: IntArray, counts: Sequence[int]) -> Iterator[FloatArray]:
@@ -116,13 +152,13 @@ def _polygons_of(contour: IntArray, counts: Sequence[int]) -> Iterator[FloatArra
 
     length = cv2.arcLength(contour, True)
     seen = 0
-    for slack in (0.008, 0.012, 0.018, 0.027, 0.04):
+    for slack in _FINE_SLACK:
         polygon = cv2.approxPolyDP(contour, slack * length, True)
         if len(polygon) < min(counts):
             return
         if len(polygon) in counts and len(polygon) != seen:
             seen = len(polygon)
-            yield polygon[:, 0].astype(np.float64)
+            yield _clockwise(np.asarray(polygon, dtype=np.int32))
 
 
 def _bytes(picture: npt.NDArray[Any]) -> Image:
@@ -130,19 +166,9 @@ def _bytes(picture: npt.NDArray[Any]) -> Image:
     return cast("Image", picture)
 
 
-def _clockwise(polygon: FloatArray) -> FloatArray:
-    """The polygon with its corners clockwise as seen (y down)."""
-    x, y = polygon.T
-    return polygon if x @ np.roll(y, -1) - y @ np.roll(x, -1) > 0 else polygon[::-1]
+def _clockwise(polygon: IntArray) -> FloatArray:
+    """The polygon ``(n, 2)`` of a contour ``(n, 1, 2)``, with its corners clockwise as seen (y down)."""
+    import cv2
 
-
-def find_polygons(image: Image, counts: Sequence[int], least_px: float, levels: int) -> dict[int, list[FloatArray]]:
-    """Polygons by number of corners (as in `polygons`) of all regions at all levels of all planes of a picture."""
-    found: dict[int, list[FloatArray]] = {n: [] for n in counts}
-    for number, plane in enumerate(level_planes(image)):
-        pictures = [masks(plane, levels if number == 0 else max(2, levels - 4))]
-        pictures += [local_masks(plane, block, (-5.0, 5.0)) for block in (31, 101)]
-        for mask in (mask for group in pictures for mask in group):
-            for n, some in polygons(outlines(mask, least_px), counts, least_px).items():
-                found[n].extend(some)
-    return found
+    corners = polygon[:, 0].astype(np.float64)
+    return corners if cv2.contourArea(polygon, oriented=True) > 0 else corners[::-1]

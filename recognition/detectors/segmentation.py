@@ -28,7 +28,7 @@ class SegmentationSettings:
 
     Attributes:
         least_px: smallest width and height of a part.
-        levels: most thresholds per plane.
+        levels: most thresholds of the grey plane.
         upright_deg: how far the vertical sides of a part may lean in the picture.
         least_contrast: smallest median step across any edge, grey levels per pixel.
         least_support: smallest share of samples that must lie on the line of every edge.
@@ -42,7 +42,7 @@ class SegmentationSettings:
     """
 
     least_px: float = 8.0
-    levels: int = 10
+    levels: int = 8
     upright_deg: float = 4.0
     least_contrast: float = 2.0
     least_support: float = 0.3
@@ -114,6 +114,8 @@ class SegmentationDetector:
             outlines = classify.order_quadrilaterals(outlines)
             outlines = outlines[classify.upright_sides(outlines, _QUAD_VERTICAL, 2 * self._settings.upright_deg)]
         outlines = _thinned(outlines, 1.5)
+        if n > 4:
+            outlines = outlines[self._roughly_known(n, outlines)]
         fit = fit_edges(planes, outlines, self._settings.refined_px)
         with np.errstate(invalid="ignore"):
             near = np.abs(fit.corners_px - outlines).max(axis=(1, 2)) <= 2.5 * self._settings.refined_px
@@ -122,6 +124,13 @@ class SegmentationDetector:
             rings = outer_rings(planes, fit.corners_px, self._settings.ring_px, self._settings.rings)
             fit = self._best(fit.joined(rings), planes)
         return self._quad_classes(planes, fit) if n == 4 else self._shape_classes(n, fit)
+
+    def _roughly_known(self, n: int, outlines: FloatArray) -> npt.NDArray[np.bool_]:
+        """``(K,)``: an unrefined outline fits one of the classes to some pixels; most are texture and do not."""
+        allowed = np.maximum(2.0 * self._settings.shape_px, 0.05 * np.ptp(outlines, axis=1).max(axis=1))
+        lean = 2 * self._settings.upright_deg
+        errors = [classify.best_turns(outlines, shape, lean)[1] for shape in self._shapes[n]]
+        return np.asarray(np.min(errors, axis=0) <= allowed)
 
     def _best(self, fit: EdgeFit, planes: Float32Array) -> EdgeFit:
         """The sound outlines, one of each group of near-identical ones, best first."""
