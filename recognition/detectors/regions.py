@@ -16,6 +16,8 @@ IntArray = npt.NDArray[np.int32]
 _SLACK = (0.02, 0.035, 0.05, 0.07)  # of a quadrilateral, as shares of the outline's length
 _FINE_SLACK = (0.008, 0.012, 0.018, 0.027, 0.04)  # of polygons with more corners
 _FILLED = 0.85  # share of its hull that a quadrilateral's area must have
+_SOLID = (0.4, 0.97)  # share of its hull that the area of a polygon with notches has
+_RAGGED = 1.6  # a longer outline than this many times its hull's is texture
 _LARGE_PX = 500_000  # pictures with more pixels are halved where detail does not matter
 _REDNESS_LEVELS = 6
 _BLOCKS = (31, 101)  # neighbourhoods that a pixel is compared with, full size
@@ -127,10 +129,19 @@ def polygons(contours: Iterable[IntArray], counts: Sequence[int], least_px: floa
             quad = _quadrilateral(np.asarray(hull, dtype=np.int32), hull_area)
             if quad is not None:
                 found[4].append(quad)
-        if many and cv2.contourArea(contour) < 0.97 * hull_area:
+        if many and _may_be_notched(contour, np.asarray(hull, dtype=np.int32), hull_area):
             for polygon in _polygons_of(contour, many):
                 found[len(polygon)].append(polygon)
     return found
+
+
+def _may_be_notched(contour: IntArray, hull: IntArray, hull_area: float) -> bool:
+    """The region falls short of its hull, as a polygon with notches does, without the long outline of a texture."""
+    import cv2
+
+    if not _SOLID[0] * hull_area < cv2.contourArea(contour) < _SOLID[1] * hull_area:
+        return False
+    return cv2.arcLength(contour, True) < _RAGGED * cv2.arcLength(hull, True)
 
 
 def _quadrilateral(hull: IntArray, hull_area: float) -> FloatArray | None:
