@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from recognition.geometry import Mount
+from recognition.rates import DetectionRates
 from rig.errors import InputError
 
 Mode = Literal["graded", "paper"]
@@ -41,6 +42,38 @@ class BenchBounds:
 
 
 @dataclass(frozen=True, slots=True)
+class Effort:
+    """How much work a step may take: more on cluttered photographs, less on clean views.
+
+    Attributes:
+        anchors: detections of a view that are tried as parts.
+        proposals: (detection, part) pairs of the first view that become hypotheses.
+        fresh: starts of a later view that are tried on all earlier views.
+        tracked: hypotheses kept.
+        modes: image shifts tried for each tracked hypothesis in a new view.
+        second_looks: leading hypotheses whose missed parts are looked for again along their outlines; 0: none.
+        candidates: next views compared.
+        sampled: hypotheses that the planner compares.
+    """
+
+    anchors: int = 6
+    proposals: int = 2500
+    fresh: int = 200
+    tracked: int = 2500
+    modes: int = 1
+    second_looks: int = 0
+    candidates: int = 60
+    sampled: int = 40
+
+    @staticmethod
+    def for_clutter(clutter: float) -> Effort:
+        """What suits a detector with so many false detections a view."""
+        if clutter <= 10.0:
+            return Effort()
+        return Effort(anchors=100, proposals=600, fresh=200, tracked=300, modes=2, second_looks=40, candidates=120)
+
+
+@dataclass(frozen=True, slots=True)
 class RecogniserSettings:
     """How to recognise.
 
@@ -55,6 +88,8 @@ class RecogniserSettings:
         pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask.
         bounds: what the bench knows about distances and the lens.
         mount: how the camera hangs on the rig.
+        rates: how the detector behaves on this bench.
+        effort: how much work a step may take.
 
     Raises:
         InputError: a value is out of its range; names option, value and range.
@@ -70,6 +105,8 @@ class RecogniserSettings:
     pose_sd_deg: float | None = None
     bounds: BenchBounds = field(default_factory=BenchBounds)
     mount: Mount = field(default_factory=Mount)
+    rates: DetectionRates = field(default_factory=DetectionRates)
+    effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
         if self.mode not in ("graded", "paper"):

@@ -1,0 +1,138 @@
+"""The belief over configurations: hypotheses weighed by all views, "none of these" beside them, nothing killed for good.
+
+Hypotheses that fall behind are forgotten only as particles: each new view proposes places afresh and tries them on all
+earlier views, so a place that was missed or dropped comes back when it explains what is seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from recognition.hypotheses import Hypotheses, join
+from recognition.proposals import propose
+from recognition.seen import Seen
+from recognition.settings import Effort
+from recognition.tracking import World, add_view, look_in, settle, start
+from recognition.visibility import camera_in_objects
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+NONE_PRIOR = 0.05
+"""Prior probability that the object is not in the model base."""
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """Weighed configurations, best first.
+
+    ``probability`` ``(H,)`` sums with ``none`` to 1.
+    """
+
+    hypotheses: Hypotheses
+    probability: FloatArray
+    none: float
+
+    @staticmethod
+    def empty() -> Belief:
+        """Before the first view."""
+        return Belief(Hypotheses.empty(), np.empty(0), 1.0)
+
+    @property
+    def entropy_bits(self) -> float:
+        """Entropy over configurations and "none"."""
+        p = np.append(self.probability, self.none)
+        p = p[p > 0]
+        return float(-(p * np.log2(p)).sum())
+
+    @property
+    def left(self) -> int:
+        """Configurations that together hold 99.9 % of what is not "none"."""
+        total = self.probability.sum()
+        if total <= 0:
+            return 0
+        return int(np.searchsorted(np.cumsum(self.probability) / total, 0.999) + 1)
+
+    def by_object(self, objects: int) -> FloatArray:
+        """``(O,)`` probability of each object (eq. 7 of the paper: the sum over its configurations)."""
+        total = np.bincount(self.hypotheses.object_of, weights=self.probability, minlength=objects)
+        return np.asarray(total, dtype=np.float64)
+
+
+def update(world: World, before: Hypotheses | None, views: list[Seen], effort: Effort) -> Hypotheses:
+    """Hypotheses after the last of ``views``: those carried on, and those that the new view suggests.
+
+    Args:
+        world: what stays the same.
+        before: hypotheses after the views before; ``None`` at the first view.
+        views: all views, the new one last.
+        effort: limits of the work.
+    """
+    last = len(views) - 1
+    carried = None
+    if before is not None and len(before):
+        carried = add_view(before, views)
+        if views[last].count:
+            carried = look_in(world, carried, views, last, modes=effort.modes)
+        carried = settle(world, carried, views)
+    most = effort.proposals if carried is None else effort.fresh
+    if views[last].count == 0:
+        return carried if carried is not None else Hypotheses.empty(views)
+    proposals = propose(world.layout, world.around, views[last], world.bounds, anchors=effort.anchors, most=most)
+    if len(proposals.part) == 0:
+        return carried if carried is not None else Hypotheses.empty(views)
+    fresh = thin(start(world, proposals, views, last), views[last], most)
+    for k in range(last - 1, -1, -1):
+        if views[k].count:
+            fresh = look_in(world, fresh, views, k)
+    fresh = settle(world, fresh, views)
+    everything = fresh if carried is None else join(carried, fresh)
+    return thin(everything, views[last], effort.tracked)
+
+
+def thin(hypotheses: Hypotheses, seen: Seen, most: int) -> Hypotheses:
+    """Best first, one for each configuration: of two that place the camera alike, the better stays."""
+    weight = hypotheses.log_weight
+    order = np.argsort(-weight, kind="stable")[: 4 * most]
+    hypotheses = hypotheses.take(order)
+    pan, centre = camera_in_objects(hypotheses.placement, seen.camera_row)
+    # A scale to compare camera positions on: the distance to the parts, through the part sizes that it shows.
+    reach = _distance(hypotheses, seen)
+    features = np.concatenate(
+        [
+            centre / (0.04 * reach[:, None]),
+            np.cos(pan)[:, None] / 0.03,
+            np.sin(pan)[:, None] / 0.03,
+            hypotheses.object_of[:, None] * 1e6,
+        ],
+        axis=1,
+    )
+    features = np.nan_to_num(features, nan=1e12, posinf=1e12, neginf=-1e12)
+    keep = np.ones(len(order), dtype=bool)
+    pairs = cKDTree(features).query_pairs(1.0, output_type="ndarray")
+    # Sorted best first, so the larger index of a pair is the worse; a dropped one still drops its own neighbours,
+    # which only thins chains of near-duplicates a little further.
+    keep[pairs.max(axis=1)] = False
+    return hypotheses.take(np.flatnonzero(keep)[:most])
+
+
+def _distance(hypotheses: Hypotheses, seen: Seen) -> FloatArray:
+    """``(H,)`` distance from the camera to the object's placement origin, at least; a scale only."""
+    away = hypotheses.placement[:, 1:] - seen.camera.centre_mm
+    return np.asarray(np.maximum(np.linalg.norm(away, axis=1), 1.0))
+
+
+def weigh(world: World, hypotheses: Hypotheses) -> Belief:
+    """Normalise the weights: a uniform prior over places, against the prior of "none of these"."""
+    places = len(world.layout.part_ids)
+    log_place = np.log1p(-NONE_PRIOR) - np.log(places)
+    log_weight = np.append(hypotheses.log_weight + log_place, np.log(NONE_PRIOR))
+    log_weight -= log_weight.max()
+    p = np.exp(log_weight)
+    p /= p.sum()
+    order = np.argsort(-p[:-1], kind="stable")
+    return Belief(hypotheses.take(order), p[:-1][order], float(p[-1]))

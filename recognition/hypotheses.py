@@ -1,0 +1,194 @@
+"""The set of hypotheses, each an object placed in the rig frame with the part matches of every view so far.
+
+Shape legend: H hypotheses, V views, G internals groups, M matches of a view (padded), C corners.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from recognition.association import Matching
+from recognition.layout import Layout
+from recognition.priors import Priors
+from recognition.seen import Seen
+from recognition.varpro import refine_batch
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+MOST_MATCHES = 24
+TAIL_SD = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class ViewMatches:
+    """Matches of one view: part ``(H, M)`` (-1 padded), corners ``(H, M, C, 2)`` px and their weight ``(H, M)`` 1/px."""
+
+    part: IntArray
+    corners_px: FloatArray = field(repr=False)
+    weight: FloatArray = field(repr=False)
+
+    def take(self, rows: IntArray) -> ViewMatches:
+        """Those hypotheses."""
+        return ViewMatches(self.part[rows], self.corners_px[rows], self.weight[rows])
+
+
+def no_matches(hypotheses: int, seen: Seen) -> ViewMatches:
+    """Nothing matched yet."""
+    corners = seen.corners_px.shape[1]
+    return ViewMatches(
+        np.full((hypotheses, MOST_MATCHES), -1),
+        np.zeros((hypotheses, MOST_MATCHES, corners, 2)),
+        np.zeros((hypotheses, MOST_MATCHES)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Hypotheses:
+    """H hypotheses.
+
+    Attributes:
+        object_of: ``(H,)`` index of the object.
+        placement: ``(H, 4)`` object -> rig, radians and mm.
+        covariance: ``(H, 4, 4)`` of the placement.
+        internals: ``(H, G, 4)``; zero focal length where a group has not been seen.
+        prior_cost: ``(H,)`` what the fit pays for its internals, in -2 log.
+        odds: ``(H, V)`` log odds that each view brings.
+        matches: one for each view.
+    """
+
+    object_of: IntArray
+    placement: FloatArray
+    covariance: FloatArray = field(repr=False)
+    internals: FloatArray = field(repr=False)
+    prior_cost: FloatArray = field(repr=False)
+    odds: FloatArray = field(repr=False)
+    matches: tuple[ViewMatches, ...] = field(repr=False)
+
+    @staticmethod
+    def empty(views: Sequence[Seen] = ()) -> Hypotheses:
+        """No hypotheses, with room for the views."""
+        groups = max((v.group for v in views), default=0) + 1
+        return Hypotheses(
+            np.empty(0, dtype=np.int64),
+            np.empty((0, 4)),
+            np.empty((0, 4, 4)),
+            np.empty((0, groups, 4)),
+            np.empty(0),
+            np.empty((0, len(views))),
+            tuple(no_matches(0, v) for v in views),
+        )
+
+    def __len__(self) -> int:
+        return len(self.object_of)
+
+    def take(self, rows: IntArray) -> Hypotheses:
+        """Those hypotheses, in that order."""
+        return Hypotheses(
+            self.object_of[rows],
+            self.placement[rows],
+            self.covariance[rows],
+            self.internals[rows],
+            self.prior_cost[rows],
+            self.odds[rows],
+            tuple(m.take(rows) for m in self.matches),
+        )
+
+    @property
+    def log_weight(self) -> FloatArray:
+        """``(H,)`` log odds of all views together, less what the internals cost."""
+        return np.asarray(self.odds.sum(axis=1) - 0.5 * self.prior_cost)
+
+
+def join(a: Hypotheses, b: Hypotheses) -> Hypotheses:
+    """Both sets; they must know the same views."""
+    return Hypotheses(
+        np.concatenate([a.object_of, b.object_of]),
+        np.concatenate([a.placement, b.placement]),
+        np.concatenate([a.covariance, b.covariance]),
+        np.concatenate([a.internals, b.internals]),
+        np.concatenate([a.prior_cost, b.prior_cost]),
+        np.concatenate([a.odds, b.odds]),
+        tuple(
+            ViewMatches(
+                np.concatenate([m.part, n.part]),
+                np.concatenate([m.corners_px, n.corners_px]),
+                np.concatenate([m.weight, n.weight]),
+            )
+            for m, n in zip(a.matches, b.matches, strict=True)
+        ),
+    )
+
+
+def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> ViewMatches:
+    """Matches as padded arrays, the nearest ``MOST_MATCHES`` of each hypothesis."""
+    corners = seen.corners_px.shape[1]
+    part = np.full((hypotheses, MOST_MATCHES), -1)
+    px = np.zeros((hypotheses, MOST_MATCHES, corners, 2))
+    weight = np.zeros((hypotheses, MOST_MATCHES))
+    hit = np.flatnonzero(matching.detection >= 0)
+    row = matching.pairs.hypothesis[hit]
+    order = np.lexsort((matching.distance_px[hit], row))
+    hit, row = hit[order], row[order]
+    first = np.searchsorted(row, row)
+    column = np.arange(len(row)) - first
+    hit, row, column = (a[column < MOST_MATCHES] for a in (hit, row, column))
+    det = matching.detection[hit]
+    part[row, column] = matching.pairs.part[hit]
+    px[row, column] = seen.corners_px[det]
+    weight[row, column] = 1.0 / np.hypot(seen.sigma_px[det], floor_px)
+    return ViewMatches(part, px, weight)
+
+
+def refine(
+    layout: Layout, hypotheses: Hypotheses, views: list[Seen], priors: Priors, *, iterations: int = 6
+) -> Hypotheses:
+    """One placement for each hypothesis from all its matches in all views, internals eliminated."""
+    if len(hypotheses) == 0:
+        return hypotheses
+    points, pixels, weights, index = [], [], [], []
+    corners = layout.corners_mm.shape[1]
+    real = np.arange(corners)[None] < layout.corner_count[:, None]
+    for k, found in enumerate(hypotheses.matches):
+        used = int((found.part >= 0).sum(axis=1).max(initial=0))
+        part = found.part[:, :used]
+        points.append(layout.corners_mm[part].reshape(len(hypotheses), -1, 3))
+        pixels.append(found.corners_px[:, :used].reshape(len(hypotheses), -1, 2))
+        weight = found.weight[:, :used, None] * real[part]
+        weights.append(weight.reshape(len(hypotheses), -1))
+        index.append(np.full((len(hypotheses), used * corners), k))
+    groups = np.array([v.group for v in views])
+    fit = refine_batch(
+        hypotheses.placement,
+        np.concatenate(points, axis=1),
+        np.concatenate(pixels, axis=1),
+        np.concatenate(weights, axis=1),
+        np.concatenate(index, axis=1),
+        np.array([v.camera_row for v in views]),
+        groups,
+        priors,
+        iterations=iterations,
+        tail_sd=TAIL_SD,
+        tolerance=0.05,
+    )
+    usable = fit.valid & np.isfinite(fit.placement).all(axis=1)
+    known = usable[:, None] & (fit.internals[:, :, 0] > 0)
+    internals = hypotheses.internals.copy()
+    internals[:, : fit.internals.shape[1]] = np.where(
+        known[:, :, None], fit.internals, internals[:, : fit.internals.shape[1]]
+    )
+    total = np.concatenate(weights, axis=1)
+    square = (fit.residuals**2).sum(axis=2) * total**2
+    corner_cost = TAIL_SD**2 * np.log1p(square / TAIL_SD**2)
+    left = np.clip(fit.cost - corner_cost.sum(axis=1), 0.0, 200.0)
+    return replace(
+        hypotheses,
+        placement=np.where(usable[:, None], fit.placement, hypotheses.placement),
+        covariance=np.where(usable[:, None, None], fit.covariance, hypotheses.covariance),
+        internals=internals,
+        prior_cost=np.where(usable, left, 200.0),
+    )

@@ -1,0 +1,256 @@
+"""What each hypothesis would see from each candidate pose: the one predictor that all policies share.
+
+Shape legend: K candidates, M hypotheses (a weighted sample), F features of a picture (class and place in it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from recognition.belief import Belief
+from recognition.geometry import Mount, camera_in_rig
+from recognition.hypotheses import Hypotheses
+from recognition.seen import Seen
+from recognition.tracking import World
+from recognition.varpro import refine_batch
+from recognition.visibility import Pairs, parts_in_view
+from rig.hal import RigPose
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+CELLS_ACROSS = 20
+"""A picture is divided into so many cells across; parts this near look alike to a planner."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted pictures of a sample of hypotheses.
+
+    Attributes:
+        weight: ``(M,)`` probabilities of the sample and, last, of "none of these", which expects no parts.
+        rows: ``(M - 1,)`` the sample's rows in the belief.
+        features: for each candidate a matrix ``(M, F)``: how much of a part stands in each cell.
+        expected: ``(K, M)`` number of parts expected.
+        pose_bits: ``(K,)`` expected information about the leading hypothesis's pose, bits.
+    """
+
+    weight: FloatArray
+    rows: IntArray
+    features: list[FloatArray] = field(repr=False)
+    expected: FloatArray = field(repr=False)
+    pose_bits: FloatArray = field(repr=False)
+
+
+def sample(belief: Belief, most: int, rng: np.random.Generator) -> tuple[IntArray, FloatArray]:
+    """A weighted sample of hypotheses: the most probable half, the rest drawn; with their probabilities."""
+    p = belief.probability
+    if len(p) <= most:
+        return np.arange(len(p)), p
+    head = np.arange(most // 2)
+    rest = np.arange(most // 2, len(p))
+    mass = p[rest].sum()
+    if mass <= 0:
+        return head, p[head]
+    drawn = rng.choice(rest, size=most - len(head), p=p[rest] / mass)
+    rows, counts = np.unique(drawn, return_counts=True)
+    weight = np.concatenate([p[head], mass * counts / counts.sum()])
+    return np.concatenate([head, rows]), weight
+
+
+def expected_zoom_internals(hypotheses: Hypotheses, groups: Sequence[int | None], last: int) -> FloatArray:
+    """``(K, M, 4)`` internals for each candidate: of its group where it has been seen, else of the last view."""
+    fallback = hypotheses.internals[:, last]
+    empty = fallback[:, 0] <= 0
+    if empty.any():
+        best = hypotheses.internals[np.arange(len(fallback)), hypotheses.internals[:, :, 0].argmax(axis=1)]
+        fallback = np.where(empty[:, None], best, fallback)
+    result = []
+    for group in groups:
+        own = hypotheses.internals[:, group] if group is not None else fallback
+        result.append(np.where(own[:, :1] > 0, own, fallback))
+    return np.array(result)
+
+
+def predict(
+    world: World,
+    belief: Belief,
+    views: list[Seen],
+    candidates: Sequence[RigPose],
+    groups: Sequence[int | None],
+    mount: Mount,
+    *,
+    most: int,
+    rng: np.random.Generator,
+) -> Prediction:
+    """Predict what a sample of the belief would see from every candidate.
+
+    Args:
+        world: what stays the same.
+        belief: after the last view.
+        views: all views.
+        candidates: K poses.
+        groups: the internals group of each candidate, ``None`` for one that has not been seen.
+        mount: the camera's lever arm.
+        most: size of the sample.
+        rng: draws the sample.
+    """
+    rows, weight = sample(belief, most, rng)
+    hypotheses = belief.hypotheses.take(rows)
+    size = views[-1].image_size
+    cameras = np.array([_row(pose, mount) for pose in candidates])
+    k, m = len(candidates), len(rows)
+    internals = expected_zoom_internals(hypotheses, groups, views[-1].group)
+    pairs = parts_in_view(
+        world.layout,
+        world.walls,
+        np.tile(hypotheses.object_of, k),
+        np.tile(hypotheses.placement, (k, 1)),
+        np.repeat(cameras, m, axis=0),
+        internals.reshape(k * m, 4),
+        size,
+        margin_px=4.0,
+        least_px=14.0,
+    )
+    candidate, which = np.divmod(pairs.hypothesis, m)
+    middle = pairs.corners_px.mean(axis=1)
+    look = world.layout.part_class[pairs.part]
+    features = []
+    for c in range(k):
+        rows_c = np.flatnonzero(candidate == c)
+        features.append(_picture(which[rows_c], middle[rows_c], look[rows_c], m, size))
+    expected = np.zeros((k, m + 1))
+    np.add.at(expected, (candidate, which), 1.0)
+    bits = _pose_bits(world, hypotheses, views, cameras, pairs, candidate, which)
+    return Prediction(np.append(weight, belief.none), rows, features, expected, bits)
+
+
+def _row(pose: RigPose, mount: Mount) -> FloatArray:
+    camera = camera_in_rig(pose, mount)
+    return np.array([np.radians(camera.theta_deg), *camera.centre_mm])
+
+
+def _picture(which: IntArray, middle: FloatArray, look: IntArray, m: int, size: tuple[int, int]) -> FloatArray:
+    """Feature matrix ``(m + 1, F)``: bilinear in the cells, so that parts a cell apart overlap by half; last row empty."""
+    cell = size[0] / CELLS_ACROSS
+    place = middle / cell
+    low = np.floor(place).astype(np.int64)
+    part = place - low
+    keys, rows, values = [], [], []
+    for du in (0, 1):
+        for dv in (0, 1):
+            weight = np.abs(1 - du - part[:, 0]) * np.abs(1 - dv - part[:, 1])
+            keys.append((look * 1000 + low[:, 1] + dv) * 1000 + low[:, 0] + du)
+            rows.append(which)
+            values.append(weight)
+    unique, column = np.unique(np.concatenate(keys), return_inverse=True)
+    features = np.zeros((m + 1, len(unique)))
+    np.add.at(features, (np.concatenate(rows), column), np.concatenate(values))
+    norm = np.zeros((m + 1, 1))
+    np.add.at(norm[:, 0], which, 1.0)
+    return features
+
+
+def distances(features: FloatArray, world: World) -> FloatArray:
+    """``(M, M)`` expected log odds, nats, by which one predicted picture is told from another."""
+    count = features.sum(axis=1)
+    both = np.minimum(features[:, None], features[None]).sum(axis=2)
+    apart = np.maximum(count[:, None] + count[None] - 2.0 * both, 0.0)
+    rates = world.rates
+    each = 0.5 * rates.found * min(rates.part_cap, 6.0)
+    return np.asarray(np.minimum(each * apart, rates.view_cap))
+
+
+def information_bits(weight: FloatArray, distance: FloatArray) -> float:
+    """Expected information, bits, of an observation that tells i from j by ``distance[i, j]``.
+
+    The pairwise-distance estimate of a mixture's entropy (Kolchinsky & Tracey 2017): 0 where all pictures agree, the
+    whole entropy where all differ.
+    """
+    p = weight / weight.sum()
+    mixed = np.exp(-distance) @ p
+    return float(-(p * np.log2(np.maximum(mixed, 1e-300))).sum())
+
+
+def _pose_bits(
+    world: World,
+    hypotheses: Hypotheses,
+    views: list[Seen],
+    cameras: FloatArray,
+    pairs: Pairs,
+    candidate: IntArray,
+    which: IntArray,
+) -> FloatArray:
+    """Bits by which each candidate would sharpen the leading hypothesis's camera position."""
+    k = len(cameras)
+    bits = np.zeros(k)
+    if len(hypotheses) == 0:
+        return bits
+    corners = world.layout.corners_mm.shape[1]
+    old_points, old_px, old_weight, old_view = [], [], [], []
+    for n, found in enumerate(hypotheses.matches):
+        part = found.part[0]
+        used = part >= 0
+        old_points.append(world.layout.corners_mm[part[used]].reshape(-1, 3))
+        old_px.append(found.corners_px[0][used].reshape(-1, 2))
+        old_weight.append(np.repeat(found.weight[0][used], corners))
+        old_view.append(np.full(used.sum() * corners, n))
+    base = [np.concatenate(a) for a in (old_points, old_px, old_weight, old_view)]
+    mine = np.flatnonzero(which == 0)
+    counts = np.bincount(candidate[mine], minlength=k)
+    room = min(int(counts.max(initial=0)), 12)
+    if room == 0 or len(base[0]) == 0:
+        return bits
+    extra = room * corners
+    n_old = len(base[0])
+    points = np.zeros((k, n_old + extra, 3))
+    pixels = np.zeros((k, n_old + extra, 2))
+    weight = np.zeros((k, n_old + extra))
+    view = np.full((k, n_old + extra), len(views))
+    points[:, :n_old], pixels[:, :n_old], weight[:, :n_old], view[:, :n_old] = base
+    points[:, n_old:] = base[0][0]
+    for c in range(k):
+        rows = mine[candidate[mine] == c][:room]
+        span = slice(n_old, n_old + len(rows) * corners)
+        points[c, span] = world.layout.corners_mm[pairs.part[rows]].reshape(-1, 3)
+        pixels[c, span] = pairs.corners_px[rows].reshape(-1, 2)
+        weight[c, span] = world.rates.found / max(1.0, world.rates.corner_sd_px)
+    # The new view's internals: its own, for lack of better knowledge (a locked zoom would only add to the gain).
+    group = np.array([v.group for v in views] + [max(v.group for v in views) + 1])
+    cams = np.array([v.camera_row for v in views])
+    priors = world.priors(views[-1].image_size)
+    start = hypotheses.placement[:1]
+    before = refine_batch(
+        start, base[0][None], base[1][None], base[2][None], base[3][None], cams, group[:-1], priors, iterations=0
+    )
+    for c in range(k):
+        if counts[c] == 0:
+            continue
+        one = slice(c, c + 1)
+        both = np.concatenate([cams, cameras[one]])
+        after = refine_batch(start, points[one], pixels[one], weight[one], view[one], both, group, priors, iterations=0)
+        bits[c] = _position_bits(before.covariance[0], after.covariance[0])
+    return bits
+
+
+def _position_bits(before: FloatArray, after: FloatArray) -> float:
+    """Halvings of the volume of position and pan."""
+    scale = np.sqrt(np.maximum(np.diag(before), 1e-30))
+    a = np.linalg.slogdet(before / np.outer(scale, scale) + 1e-12 * np.eye(4))[1]
+    b = np.linalg.slogdet(after / np.outer(scale, scale) + 1e-12 * np.eye(4))[1]
+    value = 0.5 * (a - b) / np.log(2.0)
+    return float(np.clip(value, 0.0, 40.0)) if np.isfinite(value) else 0.0
+
+
+def only(prediction: Prediction, keep: IntArray) -> Prediction:
+    """The prediction for some of the candidates."""
+    return replace(
+        prediction,
+        features=[prediction.features[int(c)] for c in keep],
+        expected=prediction.expected[keep],
+        pose_bits=prediction.pose_bits[keep],
+    )

@@ -1,0 +1,237 @@
+"""What a belief says to a person: when to stop, what is left, where the camera is, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from recognition.belief import Belief
+from recognition.geometry import CameraPose, Pose4, camera_in_object, rotation_y, wrap_deg
+from recognition.seen import Seen
+from recognition.settings import RecogniserSettings
+from recognition.steps import Answer, BeliefSummary, HypothesisSummary, Outcome, PartMatch
+from recognition.tracking import World, expected_internals, expected_parts
+from recognition.visibility import camera_in_objects, parts_in_view
+from rig.hal import Frame, RigPose
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+LEADERS = 5
+_UNSURE_SHARE = 0.1
+"""A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """How a run ends and why; ``final`` False: the place is settled, but the pose is wanted surer."""
+
+    outcome: Outcome
+    why: str
+    final: bool = True
+
+
+def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
+    """``(H,)`` the part nearest to the image centre of the last view under each hypothesis, -1 for none: its place."""
+    hypotheses = belief.hypotheses
+    place = np.full(len(hypotheses), -1)
+    if len(hypotheses) == 0:
+        return place
+    seen = views[-1]
+    internals = expected_internals(hypotheses, views, len(views) - 1)
+    pairs = parts_in_view(
+        world.layout,
+        world.walls,
+        hypotheses.object_of,
+        hypotheses.placement,
+        seen.camera_row,
+        internals,
+        seen.image_size,
+        margin_px=-0.5 * seen.image_size[0],
+        least_px=2.0,
+    )
+    away = np.linalg.norm(pairs.corners_px.mean(axis=1) - np.array(seen.image_size) / 2, axis=1)
+    order = np.lexsort((away, pairs.hypothesis))
+    first = np.unique(pairs.hypothesis[order], return_index=True)[1]
+    place[pairs.hypothesis[order][first]] = pairs.part[order][first]
+    return place
+
+
+def leading_group(world: World, belief: Belief, views: list[Seen]) -> npt.NDArray[np.bool_]:
+    """``(H,)`` hypotheses that say what the leading one says: same object, and the camera at nearly the same pose."""
+    hypotheses = belief.hypotheses
+    pan, centre = camera_in_objects(hypotheses.placement, views[-1].camera_row)
+    distance = _distance_to_parts(world, belief, views)
+    turn = np.abs(np.remainder(pan - pan[0] + np.pi, 2 * np.pi) - np.pi)
+    near = np.linalg.norm(centre - centre[0], axis=1) < 0.12 * distance
+    return np.asarray((hypotheses.object_of == hypotheses.object_of[0]) & near & (turn < np.radians(4.0)))
+
+
+def _distance_to_parts(world: World, belief: Belief, views: list[Seen]) -> float:
+    """Median distance, mm, from the camera to the parts matched in the latest view that has some (leading hypothesis)."""
+    hypotheses = belief.hypotheses
+    for k in range(len(views) - 1, -1, -1):
+        part = hypotheses.matches[k].part[0]
+        if (part >= 0).any():
+            _, centre = camera_in_objects(hypotheses.placement[:1], views[k].camera_row)
+            gap = world.layout.centre_mm[part[part >= 0]] - centre
+            return float(np.median(np.linalg.norm(gap, axis=1)))
+    return float(world.layout.extent_mm[hypotheses.object_of[0]])
+
+
+def pose_of(placement: FloatArray, seen: Seen) -> CameraPose:
+    """The camera in the object frame."""
+    return camera_in_object(seen.camera, Pose4.of(np.degrees(placement[0]), placement[1:]))
+
+
+def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> dict[str, float]:
+    """Sd of the camera's pose in the object frame: the leading fit's covariance, and the spread of its companions."""
+    hypotheses = belief.hypotheses
+    phi, shift = hypotheses.placement[0, 0], hypotheses.placement[0, 1:]
+    away = views[-1].camera.centre_mm - shift
+    # centre = Ry(-phi) (c - d)
+    back = rotation_y(-phi)
+    slope = (rotation_y(-phi + 1e-6) - rotation_y(-phi - 1e-6)) / -2e-6
+    jacobian = np.zeros((4, 4))
+    jacobian[0, 0] = np.degrees(1.0)
+    jacobian[1:, 0] = slope @ away
+    jacobian[1:, 1:] = -back
+    covariance = jacobian @ hypotheses.covariance[0] @ jacobian.T
+    rows = np.flatnonzero(group)
+    weight = belief.probability[rows] / max(belief.probability[rows].sum(), 1e-300)
+    pan, centre = camera_in_objects(hypotheses.placement[rows], views[-1].camera_row)
+    turn = np.degrees(np.remainder(pan - pan[0] + np.pi, 2 * np.pi) - np.pi)
+    spread = np.concatenate([turn[:, None], centre - centre[0]], axis=1)
+    variance = np.diag(covariance) + weight @ spread**2
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    return dict(zip(("theta_deg", "x_mm", "y_mm", "z_mm"), (float(v) for v in sd), strict=True))
+
+
+def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> Verdict | None:
+    """Whether the run may end."""
+    if belief.none >= settings.threshold and len(views) >= 3:
+        return Verdict(Outcome.UNKNOWN, f"none of the objects explains the views (probability {belief.none:.3f})")
+    verdict = None
+    if len(belief.hypotheses):
+        group = leading_group(world, belief, views)
+        mass = float(belief.probability[group].sum())
+        if mass >= settings.threshold:
+            sd = pose_sd(belief, views, group)
+            short = _too_unsure(sd, settings)
+            why = f"one configuration holds {mass:.4f} of the probability"
+            verdict = Verdict(Outcome.RECOGNISED, f"{why}{short and f'; but {short}'}", final=not short)
+    if verdict is None and len(views) >= settings.max_views:
+        many = belief.probability.sum() > 0.5
+        return Verdict(
+            Outcome.AMBIGUOUS if many else Outcome.NOT_FOUND,
+            f"{len(views)} views were taken, and no configuration reached {settings.threshold:g}",
+        )
+    if verdict is not None and len(views) >= settings.max_views:
+        return Verdict(verdict.outcome, verdict.why)
+    return verdict
+
+
+def _too_unsure(sd: dict[str, float], settings: RecogniserSettings) -> str:
+    place = max(sd[k] for k in ("x_mm", "y_mm", "z_mm"))
+    if settings.pose_sd_mm is not None and place > settings.pose_sd_mm:
+        return f"its position is unsure by {place:.0f} mm, {settings.pose_sd_mm:g} is asked"
+    if settings.pose_sd_deg is not None and sd["theta_deg"] > settings.pose_sd_deg:
+        return f"its pan is unsure by {sd['theta_deg']:.2f} degrees, {settings.pose_sd_deg:g} is asked"
+    return ""
+
+
+def summarise(world: World, belief: Belief, views: list[Seen], frame: Frame) -> BeliefSummary:
+    """The belief as shown to a person."""
+    objects = world.layout.base.objects
+    posterior = {thing.id: float(p) for thing, p in zip(objects, belief.by_object(len(objects)), strict=True)}
+    posterior["unknown"] = belief.none
+    place = places(world, belief, views)
+    key = belief.hypotheses.object_of * 1_000_000 + place
+    _, group = np.unique(key, return_inverse=True)
+    mass = np.bincount(group, weights=belief.probability) if len(key) else np.empty(0)
+    total = mass.sum()
+    left = int(np.searchsorted(np.cumsum(np.sort(mass)[::-1]), 0.999 * total) + 1) if total > 0 else 0
+    p = np.append(mass, belief.none)
+    p = p[p > 1e-300]
+    leaders = tuple(
+        _leader(world, belief, views, row, int(place[row])) for row in range(min(LEADERS, len(belief.hypotheses)))
+    )
+    return BeliefSummary(posterior, min(left, len(mass)), max(0.0, float(-(p * np.log2(p)).sum())), leaders)
+
+
+def _leader(world: World, belief: Belief, views: list[Seen], row: int, place: int) -> HypothesisSummary:
+    hypotheses = belief.hypotheses.take(np.array([row]))
+    seen = views[-1]
+    internals = expected_internals(hypotheses, views, len(views) - 1)
+    pairs = expected_parts(world, hypotheses, views, len(views) - 1, internals)
+    taken = {int(p): c for p, c in zip(hypotheses.matches[-1].part[0], hypotheses.matches[-1].corners_px[0]) if p >= 0}
+    matches = []
+    for part, corners in zip(pairs.part, pairs.corners_px):
+        count = int(world.layout.corner_count[part])
+        detection = _detection_of(taken.get(int(part)), seen)
+        matches.append(PartMatch(world.layout.part_ids[part], corners[:count], detection))
+    return HypothesisSummary(
+        world.layout.base.objects[int(hypotheses.object_of[0])].id,
+        world.layout.part_ids[place] if place >= 0 else "nowhere in view",
+        float(belief.probability[row]),
+        pose_of(hypotheses.placement[0], seen),
+        tuple(matches),
+    )
+
+
+def _detection_of(corners: FloatArray | None, seen: Seen) -> int | None:
+    if corners is None or seen.count == 0:
+        return None
+    gap = np.abs(seen.corners_px - corners).max(axis=(1, 2))
+    best = int(gap.argmin())
+    return int(seen.source[best]) if gap[best] < 1e-6 else None
+
+
+def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, path: Sequence[RigPose]) -> Answer:
+    """The end of a run as a value."""
+    objects = world.layout.base.objects
+    posterior = {thing.id: float(p) for thing, p in zip(objects, belief.by_object(len(objects)), strict=True)}
+    posterior["unknown"] = belief.none
+    travel = sum(
+        float(np.linalg.norm([b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm])) for a, b in zip(path, path[1:])
+    )
+    turned = sum(abs(wrap_deg(b.theta_deg - a.theta_deg)) for a, b in zip(path, path[1:]))
+    recognised = verdict.outcome is Outcome.RECOGNISED
+    pose: CameraPose | None = None
+    sd: dict[str, float] = {}
+    unobservable: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+    if len(belief.hypotheses):
+        group = leading_group(world, belief, views)
+        pose = pose_of(belief.hypotheses.placement[0], views[-1])
+        sd = pose_sd(belief, views, group)
+        limit = _UNSURE_SHARE * _distance_to_parts(world, belief, views)
+        names = {"theta_deg": np.degrees(_UNSURE_SHARE), "x_mm": limit, "y_mm": limit, "z_mm": limit}
+        unobservable = tuple(name for name, most in names.items() if sd[name] > most)
+        candidates = _candidates(world, belief, views)
+    return Answer(
+        outcome=verdict.outcome,
+        object_id=objects[int(belief.hypotheses.object_of[0])].id if recognised else None,
+        candidates=() if recognised else candidates,
+        posterior=posterior,
+        pose=pose,
+        pose_sd=sd,
+        unobservable=unobservable,
+        why=verdict.why,
+        travel_mm=travel,
+        rotation_deg=turned,
+    )
+
+
+def _candidates(world: World, belief: Belief, views: list[Seen], most: int = 20) -> tuple[str, ...]:
+    place = places(world, belief, views)
+    seen: dict[str, float] = {}
+    for row in range(min(len(place), 400)):
+        name = world.layout.part_ids[place[row]] if place[row] >= 0 else "a place out of view"
+        key = f"{world.layout.base.objects[int(belief.hypotheses.object_of[row])].id} at {name}"
+        seen[key] = seen.get(key, 0.0) + float(belief.probability[row])
+    ranked = sorted(seen.items(), key=lambda item: -item[1])
+    return tuple(key for key, p in ranked[:most] if p >= 0.005)
