@@ -177,6 +177,11 @@ class RenderedRig:
         self.close()
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, pixels."""
+        return self._size
+
+    @property
     def scene(self) -> Scene:
         """For scoring only: what is in front of the rig."""
         return self._scene

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from recognition.modelbase import ModelBase, ObjectModel
-from rig.errors import ImageGridError, InputError
-from rig.hal import Image, RigPose
+from rig.errors import InputError
+from rig.hal import RigPose
+from rig.imagegrid import GridInfo, GridWriter
 from sim_backends.appearance import Appearance, Sensor, draw_appearance
 from sim_backends.clutter import ClutterItem, draw_clutter
 from sim_backends.internals_policy import InternalsPolicy
@@ -92,7 +91,7 @@ def rendered_rig(
 
 
 def simulate(rig: RenderedRig, poses: Iterable[RigPose], dst: Path, *, quality: int | None = None) -> Path:
-    """Take a picture at each pose and write an image grid: ``images/``, ``frames.jsonl``, ``truth.jsonl``.
+    """Take a picture at each pose and write an image grid, with ``truth.jsonl`` beside it.
 
     Args:
         rig: renders the pictures; knows the truth.
@@ -105,36 +104,20 @@ def simulate(rig: RenderedRig, poses: Iterable[RigPose], dst: Path, *, quality: 
 
     Raises:
         InputError: there is a grid in ``dst`` already.
-        ImageGridError: a picture could not be written.
+        RigError: a picture could not be written.
     """
-    if (dst / "frames.jsonl").exists():
-        raise InputError(f"{dst} holds an image grid already", where="dst", remedy="Name another folder")
-    (dst / "images").mkdir(parents=True, exist_ok=True)
+    info = GridInfo(
+        provenance="rendered by rig simulate; truth.jsonl tells of what and from where",
+        image_size=rig.size,
+        internals="fixed_by_zoom" if rig.internals_fixed_by_zoom else "change_every_view",
+    )
+    writer = GridWriter(dst, info)
     suffix = "png" if quality is None else "jpg"
-    with (dst / "frames.jsonl").open("w") as frames, (dst / "truth.jsonl").open("w") as truths:
-        for number, pose in enumerate(poses, start=1):
-            rig.move_to(pose)
-            frame = rig.capture()
-            file = f"images/{number:05d}.{suffix}"
-            digest = _write_picture(dst / file, frame.image, quality)
-            height, width = frame.image.shape[:2]
-            line = {"file": file, "sha256": digest, **asdict(frame.rig_pose), "width": width, "height": height}
-            frames.write(json.dumps(line) + "\n")
-            truths.write(json.dumps(truth_record(rig, file, pose)) + "\n")
+    for number, pose in enumerate(poses, start=1):
+        rig.move_to(pose)
+        file = f"images/{number:05d}.{suffix}"
+        writer.add(rig.capture(), file, quality=quality, truth=truth_record(rig, file, pose))
     return dst
-
-
-def _write_picture(path: Path, image: Image, quality: int | None) -> str:
-    """Encode and write a picture; returns its SHA-256."""
-    import cv2
-
-    options = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
-    good, encoded = cv2.imencode(path.suffix, image, options)
-    if not good:
-        raise ImageGridError("picture could not be encoded", where=str(path), remedy="Choose PNG, or another quality")
-    data = encoded.tobytes()
-    path.write_bytes(data)
-    return hashlib.sha256(data).hexdigest()
 
 
 def truth_record(rig: RenderedRig, file: str, pose: RigPose) -> dict[str, Any]:
