@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from recognition.geometry import wrap_deg
 from recognition.modelbase import ModelBase
 from recognition.modelbase_io import load_model_base
+from recognition.steps import Answer
 from rig.hal import RigPose
 from sim_backends.internals_policy import ChangingInternals, FixedByZoom
 from sim_backends.rendered_rig import RenderedRig
@@ -19,6 +21,8 @@ from sim_backends.simulate import draw_scene, rendered_rig, simulate
 MODELS = "architecture"
 JPEG_QUALITY = 93
 CANDIDATES = 80
+WRONG_PLACE_MM = 50.0
+"""Neighbouring windows are farther apart than this."""
 
 Progress = Callable[[Sequence[RigPose]], Iterable[RigPose]]
 
@@ -33,6 +37,7 @@ class Demonstration:
         start: the first view.
         true_object: what was rendered; the recogniser is not told.
         in_view: what the first view shows, by part-class.
+        rendered_by: knows where the camera really was.
     """
 
     grid: Path
@@ -40,6 +45,21 @@ class Demonstration:
     start: RigPose
     true_object: str
     in_view: Counter[str]
+    rendered_by: RenderedRig
+
+    def verdict(self, answer: Answer, last: RigPose) -> str:
+        """One sentence: what was really there, and how far off the answer is; ``last`` is the last view's rig pose."""
+        true = self.rendered_by.truth(last).camera_in_object
+        if answer.object_id is None or answer.pose is None:
+            return f"In truth it was {self.true_object}."
+        if answer.object_id != self.true_object:
+            return f"In truth it was {self.true_object}: the answer is wrong."
+        off_mm = float(np.linalg.norm(answer.pose.centre_mm - true.centre_mm))
+        off_deg = abs(wrap_deg(answer.pose.theta_deg - true.theta_deg))
+        place = "" if off_mm < WRONG_PLACE_MM else ": the object is right, the place on it is wrong"
+        return (
+            f"In truth it was {self.true_object}, and the camera {off_mm:.1f} mm and {off_deg:.2f}° from there{place}."
+        )
 
     @property
     def places_that_fit(self) -> int:
@@ -63,7 +83,7 @@ def prepare(grid: Path, seed: int, progress: Progress = lambda poses: poses) -> 
     poses = list(rig.reachable())
     start, in_view = _most_ambiguous(rig, [poses[int(k)] for k in rng.permutation(len(poses))[:CANDIDATES]], models)
     simulate(rig, progress(poses), grid, quality=JPEG_QUALITY)
-    return Demonstration(grid, models, start, thing.id, in_view)
+    return Demonstration(grid, models, start, thing.id, in_view, rig)
 
 
 def _most_ambiguous(rig: RenderedRig, poses: Sequence[RigPose], models: ModelBase) -> tuple[RigPose, Counter[str]]:

@@ -9,6 +9,7 @@ from dataclasses import astuple, dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, TextIO
 
+from recognition.geometry import wrap_deg
 from recognition.steps import Answer, Step
 from rig.hal import RigPose
 
@@ -38,7 +39,7 @@ def row_of(step: Step) -> Row:
     posterior = step.belief.posterior
     leading = max(posterior, key=lambda name: posterior[name]) if posterior else ""
     name = "none of these" if leading == "unknown" else plain(leading)
-    move = f"{describe_move(step.frame.rig_pose, step.move.target)}. {step.move.why}" if step.move else _END
+    move = f"{describe_move(step.frame.rig_pose, step.move.target)}: {step.move.why}" if step.move else _END
     return Row(
         view=str(step.index + 1),
         parts=str(len(step.parts)),
@@ -56,7 +57,8 @@ def describe_move(start: RigPose, end: RigPose) -> str:
         change = getattr(end, f"{axis}_mm") - getattr(start, f"{axis}_mm")
         if abs(change) >= 0.05:
             changes.append(f"{axis.upper()} {change:+.{0 if abs(change) >= 100 else 1}f} mm")
-    pan = end.theta_deg - start.theta_deg
+    # A pan that goes round turns the shorter way; wherever it turns, this is how the view changes.
+    pan = wrap_deg(end.theta_deg - start.theta_deg)
     if abs(pan) >= 0.005:
         changes.append(f"pan {pan:+.1f}°")
     if abs(end.zoom - start.zoom) >= 0.0005:

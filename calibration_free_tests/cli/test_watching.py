@@ -37,7 +37,7 @@ def slow():
         yield step
 
 keeper = RunRecorder(Path(sys.argv[1]), RunStart("three", "scripted"), scripted_models())
-sys.exit(watch_run(slow(), keeper, as_json=True))
+sys.exit(watch_run(slow(), keeper, as_json=True)[0])
 """
 
 
@@ -46,7 +46,7 @@ def keeper(folder: Path | None) -> RunRecorder:
 
 
 def test_json_is_the_only_thing_on_stdout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert watch_run(scripted_steps(), keeper(tmp_path / "run"), as_json=True) == 0
+    assert watch_run(scripted_steps(), keeper(tmp_path / "run"), as_json=True)[0] == 0
     streams = capsys.readouterr()
     result = json.loads(streams.out)
     assert len(streams.out.splitlines()) == 1
@@ -56,7 +56,7 @@ def test_json_is_the_only_thing_on_stdout(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_person_gets_table_answer_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert watch_run(scripted_steps(), keeper(tmp_path / "run"), as_json=False) == 0
+    assert watch_run(scripted_steps(), keeper(tmp_path / "run"), as_json=False)[0] == 0
     text = capsys.readouterr().out
     for expected in ("374", "recognised: tower", "x 1010.0 ± 1.4 mm", str(tmp_path / "run" / "report.html")):
         assert expected in text
@@ -72,7 +72,7 @@ def test_undecided_run_is_exit_code_1(capsys: pytest.CaptureFixture[str]) -> Non
         answer = yield from scripted_steps()
         return replace(answer, outcome=Outcome.AMBIGUOUS, object_id=None)
 
-    assert watch_run(undecided(), keeper(None), as_json=True) == 1
+    assert watch_run(undecided(), keeper(None), as_json=True)[0] == 1
     assert json.loads(capsys.readouterr().out)["outcome"] == "ambiguous"
 
 

@@ -46,7 +46,7 @@ def test_stream_that_is_no_terminal_gets_plain_lines() -> None:
 def test_row_tells_parts_hypotheses_entropy_leader_and_move() -> None:
     row = row_of(next(scripted_steps()))
     assert (row.view, row.parts, row.left, row.bits, row.leading) == ("1", "13", "374", "8.10", "tower 36.0 %")
-    assert row.move.startswith("X +190 mm. Half a metre to the right")
+    assert row.move.startswith("X +190 mm: Half a metre to the right")
 
 
 @pytest.mark.parametrize("stream", [io.StringIO, Terminal])
@@ -63,6 +63,7 @@ def test_move_names_only_the_axes_that_change() -> None:
         describe_move(start, RigPose(-1200, 0, 2.5, 7.5, 1.0)) == "X -1200 mm, Z +2.5 mm, pan +7.5°, zoom 0.25 to 1.00"
     )
     assert describe_move(start, start) == "stay"
+    assert describe_move(RigPose(0, 0, 0, 170, 0), RigPose(0, 0, 0, -170, 0)) == "pan +20.0°"
 
 
 def test_summary_names_what_is_left_of_an_undecided_run(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from rig.cli.help import example
 if TYPE_CHECKING:
     from recognition.modelbase import ModelBase
     from recognition.settings import RecogniserSettings
+    from recognition.steps import Answer
     from rig.hal import Rig, RigPose
     from sim_backends.image_grid_rig import ImageGridRig
 
@@ -59,7 +60,7 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    seed: Seed = 1,
+    seed: Seed = 2,
     policy: Policy = None,
     grid: Annotated[
         Path | None, typer.Option("--grid", metavar="DIR", help="Keep the rendered image grid here, new or empty.")
@@ -90,8 +91,8 @@ def demo(
         with open_rig(bench) as rig:
             rig.move_to(rig.nearest(what.start))
             settings = replace(settings, bounds=bench.bounds(), mount=bench.mount)
-            code = _run(rig, what.models, settings, out, as_json, bench=f"rendered {MODELS}", label="demo")
-        print(f"what was rendered: {what.true_object}", file=stream)
+            code, answer = _run(rig, what.models, settings, out, as_json, bench=f"rendered {MODELS}", label="demo")
+            print(what.verdict(answer, rig.pose), file=stream)
     raise typer.Exit(code)
 
 
@@ -180,7 +181,7 @@ def recognise(
         if start is not None:
             rig.move_to(start_pose(start, rig))
         settings = replace(settings, bounds=config.bounds(), mount=config.mount)
-        code = _run(rig, base, settings, out, as_json, bench=config.name, label=base.name)
+        code, _ = _run(rig, base, settings, out, as_json, bench=config.name, label=base.name)
     raise typer.Exit(code)
 
 
@@ -248,11 +249,10 @@ def _run(
     *,
     bench: str,
     label: str,
-) -> int:
+) -> tuple[int, Answer]:
     from importlib.metadata import version
 
     from recognition.recogniser import recognise as steps_of  # type: ignore[import-not-found,unused-ignore]
-
     from rig.cli.watching import new_run_folder, watch_run
     from rig.run import RunRecorder, RunStart
 

@@ -7,7 +7,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
-from recognition.steps import Outcome
+from recognition.steps import Answer, Outcome
 from rig.cli.interrupt import ends_gently
 from rig.report import write_report
 from rig.run import RunRecorder, Steps, watch
@@ -16,8 +16,8 @@ from rig.table import LiveTable, summary
 DONE, NOT_RECOGNISED, INTERRUPTED = 0, 1, 130
 
 
-def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> int:
-    """Run to the end and return the exit code.
+def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> tuple[int, Answer]:
+    """Run to the end and return the exit code and the answer.
 
     With ``as_json`` stdout gets the result object and nothing else, in every case in which the run began; what is for
     people goes to stderr.
@@ -33,8 +33,8 @@ def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> int:
         if keeper.folder is not None and keeper.answer is not None:
             print(f"report: {write_report(keeper.folder)}", file=stream)
     if keeper.interrupted:
-        return INTERRUPTED
-    return DONE if answer.outcome is Outcome.RECOGNISED else NOT_RECOGNISED
+        return INTERRUPTED, answer
+    return DONE if answer.outcome is Outcome.RECOGNISED else NOT_RECOGNISED, answer
 
 
 def new_run_folder(out: Path | None, as_json: bool, label: str, now: datetime) -> Path | None:

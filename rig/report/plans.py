@@ -22,7 +22,7 @@ from rig.modelshow import FlatFace, unfold
 from rig.report import svg
 
 PLAN_WIDTH, PLAN_HEIGHT = 1060.0, 520.0
-MARGIN = 34.0
+MARGIN = 54.0
 GAP = 26.0
 
 
