@@ -16,7 +16,7 @@ from recognition.hypotheses import Hypotheses, join
 from recognition.proposals import propose
 from recognition.seen import Seen
 from recognition.settings import Effort
-from recognition.tracking import World, add_view, look_in, settle, start
+from recognition.tracking import World, add_view, look_in, rescore, settle, start
 from recognition.visibility import camera_in_objects
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,6 +24,7 @@ IntArray = npt.NDArray[np.int64]
 
 NONE_PRIOR = 0.05
 """Prior probability that the object is not in the model base."""
+_FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,10 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         carried = add_view(before, views)
         if views[last].count:
             carried = look_in(world, carried, views, last, modes=effort.modes)
-        carried = settle(world, carried, views)
+        carried = thin(rescore(world, carried, views, [last]), views[last], effort.tracked)
+        ahead = np.arange(min(effort.fresh // 2, len(carried)))
+        rest = np.arange(len(ahead), len(carried))
+        carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
     most = effort.proposals if carried is None else effort.fresh
     if views[last].count == 0:
         return carried if carried is not None else Hypotheses.empty(views)
@@ -98,6 +102,8 @@ def thin(hypotheses: Hypotheses, seen: Seen, most: int) -> Hypotheses:
     """Best first, one for each configuration: of two that place the camera alike, the better stays."""
     weight = hypotheses.log_weight
     order = np.argsort(-weight, kind="stable")[: 4 * most]
+    # Far behind the best, a hypothesis is not worth its time; should it be right, it will be proposed again.
+    order = order[(weight[order] > weight.max(initial=0.0) - _FAR_BEHIND) | (np.arange(len(order)) < _ALWAYS_KEPT)]
     hypotheses = hypotheses.take(order)
     pan, centre = camera_in_objects(hypotheses.placement, seen.camera_row)
     # A scale to compare camera positions on: the distance to the parts, through the part sizes that it shows.

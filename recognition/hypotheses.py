@@ -144,6 +144,16 @@ def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> 
     return ViewMatches(part, px, weight)
 
 
+def forget_contradicted(hypotheses: Hypotheses) -> Hypotheses:
+    """Take back the matches of views that speak against their hypothesis: they are likely wrong, and would bend its fit."""
+    matches = []
+    for k, found in enumerate(hypotheses.matches):
+        bad = hypotheses.odds[:, k] < 0
+        part = np.where(bad[:, None], -1, found.part)
+        matches.append(replace(found, part=part, weight=np.where(bad[:, None], 0.0, found.weight)))
+    return replace(hypotheses, matches=tuple(matches))
+
+
 def refine(
     layout: Layout, hypotheses: Hypotheses, views: list[Seen], priors: Priors, *, iterations: int = 6
 ) -> Hypotheses:
@@ -176,11 +186,9 @@ def refine(
         tolerance=0.05,
     )
     usable = fit.valid & np.isfinite(fit.placement).all(axis=1)
-    known = usable[:, None] & (fit.internals[:, :, 0] > 0)
-    internals = hypotheses.internals.copy()
-    internals[:, : fit.internals.shape[1]] = np.where(
-        known[:, :, None], fit.internals, internals[:, : fit.internals.shape[1]]
-    )
+    internals = np.where(usable[:, None, None], 0.0, hypotheses.internals)
+    width = fit.internals.shape[1]
+    internals[:, :width] = np.where(usable[:, None, None], fit.internals, internals[:, :width])
     total = np.concatenate(weights, axis=1)
     square = (fit.residuals**2).sum(axis=2) * total**2
     corner_cost = TAIL_SD**2 * np.log1p(square / TAIL_SD**2)

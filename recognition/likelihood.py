@@ -83,8 +83,9 @@ def view_log_odds(
     loss = np.bincount(hypothesis, weights=np.minimum(odds, 0.0), minlength=hypotheses)
     explained = np.bincount(hypothesis, weights=found.astype(np.float64), minlength=hypotheses)
     cap = rates.view_cap
+    # A view may have been matched at the wrong place altogether: no one view speaks against more than this.
     return np.asarray(
-        cap * np.tanh(gain / cap) + np.maximum(loss, -1.5 * cap) + explained * np.log1p(1.0 / rates.clutter)
+        cap * np.tanh(gain / cap) + np.maximum(loss, -_FLOOR_SHARE * cap) + explained * np.log1p(1.0 / rates.clutter)
     )
 
 
@@ -101,3 +102,4 @@ def edge_log_odds(score: FloatArray) -> FloatArray:
 _EDGE_SCORE = (0.2, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)
 _EDGE_ODDS = (-3.5, -3.0, -1.3, -0.1, 0.5, 2.8, 3.6)
 _HIDDEN = 0.15
+_FLOOR_SHARE = 0.4

@@ -15,7 +15,7 @@ from recognition.belief import Belief
 from recognition.geometry import Mount, camera_in_rig
 from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
-from recognition.tracking import World
+from recognition.tracking import World, guess_internals
 from recognition.varpro import refine_batch
 from recognition.visibility import Pairs, parts_in_view
 from rig.hal import RigPose
@@ -62,20 +62,6 @@ def sample(belief: Belief, most: int, rng: np.random.Generator) -> tuple[IntArra
     return np.concatenate([head, rows]), weight
 
 
-def expected_zoom_internals(hypotheses: Hypotheses, groups: Sequence[int | None], last: int) -> FloatArray:
-    """``(K, M, 4)`` internals for each candidate: of its group where it has been seen, else of the last view."""
-    fallback = hypotheses.internals[:, last]
-    empty = fallback[:, 0] <= 0
-    if empty.any():
-        best = hypotheses.internals[np.arange(len(fallback)), hypotheses.internals[:, :, 0].argmax(axis=1)]
-        fallback = np.where(empty[:, None], best, fallback)
-    result = []
-    for group in groups:
-        own = hypotheses.internals[:, group] if group is not None else fallback
-        result.append(np.where(own[:, :1] > 0, own, fallback))
-    return np.array(result)
-
-
 def predict(
     world: World,
     belief: Belief,
@@ -104,7 +90,9 @@ def predict(
     size = views[-1].image_size
     cameras = np.array([_row(pose, mount) for pose in candidates])
     k, m = len(candidates), len(rows)
-    internals = expected_zoom_internals(hypotheses, groups, views[-1].group)
+    internals = np.array(
+        [guess_internals(world, hypotheses, views, g, pose.zoom) for g, pose in zip(groups, candidates, strict=True)]
+    )
     pairs = parts_in_view(
         world.layout,
         world.walls,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from recognition.belief import Belief, update, weigh
 from recognition.detectors import load_detector
 from recognition.geometry import camera_in_rig, wrap_deg
-from recognition.hypotheses import Hypotheses, join
+from recognition.hypotheses import Hypotheses, forget_contradicted, join
 from recognition.modelbase import ModelBase
 from recognition.parts import DetectedPart, Detector
 from recognition.policies import Policy, Situation, load_policy
@@ -109,7 +109,7 @@ class _State:
             ahead = np.arange(min(effort.second_looks, len(hypotheses)))
             rest = np.arange(len(ahead), len(hypotheses))
             hypotheses = join(look_again(self.world, hypotheses.take(ahead), self.views), hypotheses.take(rest))
-        self.hypotheses = hypotheses
+        self.hypotheses = forget_contradicted(hypotheses)
         self.belief = weigh(self.world, hypotheses)
 
     def _seen(self, frame: Frame, parts: Sequence[DetectedPart]) -> Seen:
@@ -124,6 +124,7 @@ class _State:
             camera_in_rig(frame.rig_pose, self.settings.mount),
             (width, height),
             self._group(frame.rig_pose),
+            frame.rig_pose.zoom,
             self.world.layout.class_names,
             self.world.layout.corners_mm.shape[1],
             edges,

@@ -40,7 +40,7 @@ def look_again(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypot
 
 def _look(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> Hypotheses:
     seen = views[view]
-    internals = expected_internals(hypotheses, views, view)
+    internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
     gate = np.full(len(pairs.part), 1.0 + 6.0 * world.rates.corner_sd_px)
     matching = match(world.layout, pairs, seen, gate)

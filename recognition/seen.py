@@ -30,6 +30,7 @@ class Seen:
         camera: the camera in the rig frame (known from the move).
         image_size: width, height, px.
         group: which views share internals.
+        zoom: the zoom setting, 0..1.
         corners_px: ``(D, C, 2)``.
         corner_count: ``(D,)``.
         sigma_px: ``(D,)`` sd of one corner coordinate.
@@ -41,6 +42,7 @@ class Seen:
     camera: CameraPose
     image_size: tuple[int, int]
     group: int
+    zoom: float
     corners_px: FloatArray = field(repr=False)
     corner_count: IntArray = field(repr=False)
     sigma_px: FloatArray = field(repr=False)
@@ -74,6 +76,7 @@ def see(
     camera: CameraPose,
     image_size: tuple[int, int],
     group: int,
+    zoom: float,
     class_names: Sequence[str],
     corners: int,
     edges: EdgeField | None = None,
@@ -90,6 +93,7 @@ def see(
         camera=camera,
         image_size=image_size,
         group=group,
+        zoom=zoom,
         corners_px=np.array(polygons).reshape(-1, corners, 2),
         corner_count=np.array([len(p.corners_px) for p in usable], dtype=np.int64),
         sigma_px=np.array([p.sigma_px for p in usable]),

@@ -41,7 +41,7 @@ def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
     if len(hypotheses) == 0:
         return place
     seen = views[-1]
-    internals = expected_internals(hypotheses, views, len(views) - 1)
+    internals = expected_internals(world, hypotheses, views, len(views) - 1)
     pairs = parts_in_view(
         world.layout,
         world.walls,
@@ -165,7 +165,7 @@ def summarise(world: World, belief: Belief, views: list[Seen], frame: Frame) -> 
 def _leader(world: World, belief: Belief, views: list[Seen], row: int, place: int) -> HypothesisSummary:
     hypotheses = belief.hypotheses.take(np.array([row]))
     seen = views[-1]
-    internals = expected_internals(hypotheses, views, len(views) - 1)
+    internals = expected_internals(world, hypotheses, views, len(views) - 1)
     pairs = expected_parts(world, hypotheses, views, len(views) - 1, internals)
     taken = {int(p): c for p, c in zip(hypotheses.matches[-1].part[0], hypotheses.matches[-1].corners_px[0]) if p >= 0}
     matches = []

@@ -5,6 +5,7 @@ A value's way: proposals -> (expected parts -> matches -> joint refinement) x 2 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,9 @@ IntArray = npt.NDArray[np.int64]
 
 _REACH_PX = (320.0, 120.0, 60.0)
 """How far a view's picture may lie from its prediction after one, two, three and more views, for 1,280 px width."""
+_REACH_NEW_PX = 260.0
+_NEW_ZOOM_SCALES = (0.7, 0.84, 1.0, 1.2, 1.43)
+"""Focal lengths tried, as factors of the guess, at a zoom setting seen for the first time."""
 
 
 @dataclass(frozen=True)
@@ -86,14 +90,30 @@ def add_view(hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
     )
 
 
-def expected_internals(hypotheses: Hypotheses, views: list[Seen], view: int) -> FloatArray:
-    """``(H, 4)`` internals for a view: those of its group, or of the latest view known, as a first guess."""
-    guess = hypotheses.internals[:, views[view].group].copy()
+def expected_internals(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> FloatArray:
+    """``(H, 4)`` internals for a view: those of its group, or a guess from the latest view known."""
+    return guess_internals(world, hypotheses, views, views[view].group, views[view].zoom)
+
+
+def guess_internals(
+    world: World, hypotheses: Hypotheses, views: list[Seen], group: int | None, zoom: float
+) -> FloatArray:
+    """``(H, 4)`` internals at a zoom setting: those of its group where known, else scaled from a view that is known.
+
+    Nothing is known of the zoom but that 0 is widest and 1 longest; so the focal length is guessed to run through the
+    lens's range geometrically.
+    """
+    unset = np.zeros((len(hypotheses), 4))
+    guess = hypotheses.internals[:, group].copy() if group is not None else unset
+    low, high = focal_range(world.bounds, views[0].image_size[0])
     for other in reversed(views):
         unknown = guess[:, 0] <= 0
         if not unknown.any():
             break
-        guess[unknown] = hypotheses.internals[unknown, other.group]
+        rows = hypotheses.internals[unknown, other.group].copy()
+        rows[:, :2] *= (high / low) ** (0.8 * (zoom - other.zoom))
+        guess[unknown] = rows
+    guess[:, :2] = np.clip(guess[:, :2], 0.0, high)
     return guess
 
 
@@ -115,13 +135,18 @@ def expected_parts(
 
 
 def match_view(
-    world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, loose: float, shift: FloatArray | None = None
+    world: World,
+    hypotheses: Hypotheses,
+    views: list[Seen],
+    view: int,
+    *,
+    loose: float,
+    internals: FloatArray | None = None,
 ) -> Hypotheses:
-    """Match one view within a gate of ``loose`` times a part's size, moved by ``shift`` ``(H, 2)`` px if given."""
+    """Match one view within a gate of ``loose`` times a part's size, seen through ``internals`` ``(H, 4)`` if given."""
     seen = views[view]
-    internals = expected_internals(hypotheses, views, view)
-    if shift is not None:
-        internals[:, 2:] += shift
+    if internals is None:
+        internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
     size = np.ptp(pairs.corners_px, axis=1).min(axis=1) if len(pairs.part) else np.empty(0)
     floor = 4.0 * world.rates.corner_sd_px
@@ -137,7 +162,7 @@ def match_view(
 def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> Hypotheses:
     """Match one view at its final gate, and note the log odds that it brings."""
     seen = views[view]
-    internals = expected_internals(hypotheses, views, view)
+    internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
     gate = np.full(len(pairs.part), 1.0 + 6.0 * world.rates.corner_sd_px)
     matching = match(world.layout, pairs, seen, gate)
@@ -150,14 +175,17 @@ def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: in
     return replace(hypotheses, odds=table, matches=tuple(matches))
 
 
-def settle(world: World, hypotheses: Hypotheses, views: list[Seen], rounds: tuple[float, ...] = (0.08,)) -> Hypotheses:
-    """Alternate matching and refinement over all views, then score each view."""
-    priors = world.priors(views[0].image_size)
-    for loose in rounds:
-        for k in range(len(views)):
-            hypotheses = match_view(world, hypotheses, views, k, loose=loose)
-        hypotheses = refine(world.layout, hypotheses, views, priors)
+def settle(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
+    """Match all views afresh, refine over all, then score each view."""
     for k in range(len(views)):
+        hypotheses = match_view(world, hypotheses, views, k, loose=0.08)
+    return rescore(world, hypotheses, views, range(len(views)))
+
+
+def rescore(world: World, hypotheses: Hypotheses, views: list[Seen], which: Iterable[int]) -> Hypotheses:
+    """Refine over all views with the matches as they are, then score some views."""
+    hypotheses = refine(world.layout, hypotheses, views, world.priors(views[0].image_size))
+    for k in which:
         hypotheses = score_view(world, hypotheses, views, k)
     return hypotheses
 
@@ -165,17 +193,31 @@ def settle(world: World, hypotheses: Hypotheses, views: list[Seen], rounds: tupl
 def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1) -> Hypotheses:
     """Find each hypothesis in a view where it may be displaced: the best image shifts, one child hypothesis for each.
 
-    Needed for a new view, whose prediction is uncertain, and for an old view of a place that a new view suggests.
+    Needed for a new view, whose prediction is uncertain, and for an old view of a place that a new view suggests. At a
+    zoom setting that a hypothesis has not seen, the focal length is searched too.
     """
     seen = views[view]
     n = len(hypotheses)
     if n == 0 or seen.count == 0:
         return hypotheses
-    internals = expected_internals(hypotheses, views, view)
-    pairs = expected_parts(world, hypotheses, views, view, internals, margin_px=-120.0)
+    guess = expected_internals(world, hypotheses, views, view)
+    new = hypotheses.internals[:, seen.group, 0] <= 0
+    scales = _NEW_ZOOM_SCALES if new.any() else (1.0,)
     matched = sum(((m.part >= 0).any(axis=1)).astype(int) for k, m in enumerate(hypotheses.matches) if k != view)
-    reach = np.array(_REACH_PX)[np.clip(matched - 1, 0, len(_REACH_PX) - 1)] * seen.image_size[0] / 1280.0
-    shifts, _ = vote_shift(pairs, seen, n, reach, modes=modes)
+    reach = np.array(_REACH_PX)[np.clip(matched - 1, 0, len(_REACH_PX) - 1)]
+    reach = np.where(new, np.maximum(reach, _REACH_NEW_PX), reach) * seen.image_size[0] / 1280.0
+    options, votes = [], []
+    for scale in scales:
+        internals = guess.copy()
+        internals[:, :2] *= scale
+        pairs = expected_parts(world, hypotheses, views, view, internals, margin_px=-120.0)
+        shifts, counts = vote_shift(pairs, seen, n, reach, modes=modes)
+        for mode in range(modes):
+            moved = internals.copy()
+            moved[:, 2:] += shifts[:, mode]
+            options.append(moved)
+            votes.append(np.where(new | (scale == 1.0), counts[:, mode] - 0.5 * abs(np.log(scale)), -np.inf))
+    best = np.argsort(-np.array(votes), axis=0, kind="stable")[:modes]
     rows = np.repeat(np.arange(n), modes)
-    children = hypotheses.take(rows)
-    return match_view(world, children, views, view, loose=0.25, shift=shifts.reshape(-1, 2))
+    internals = np.array(options)[best.T.ravel(), rows]
+    return match_view(world, hypotheses.take(rows), views, view, loose=0.25, internals=internals)

@@ -15,8 +15,6 @@ LEAST_BITS = 0.02
 """Less expected information than this is none: the remaining hypotheses look alike from everywhere."""
 _POSE_SHARE = 0.1
 _MOST_POSE_BITS = 8.0
-_OVERHEAD_S = 2.0
-"""Added to each move's cost: a view also costs computing, and a nearby useless view must not win by being near."""
 
 
 class InformationPolicy:
@@ -37,7 +35,7 @@ class InformationPolicy:
                 return None
         share = 1.0 if situation.sure else _POSE_SHARE * float(prediction.weight[0])
         gain = place + share * pose
-        rate = gain / (situation.cost_s + _OVERHEAD_S)
+        rate = gain / (situation.cost_s + _view_cost_s(situation))
         pick = int(rate.argmax())
         if gain[pick] <= 0.0:
             return _explore(situation)
@@ -49,11 +47,16 @@ class InformationPolicy:
         )
 
 
+def _view_cost_s(situation: Situation) -> float:
+    """What a view costs beside its travel: a typical move's time, lest a string of cheap, useless views be taken."""
+    return float(np.median(situation.cost_s))
+
+
 def _explore(situation: Situation) -> Move:
     """No hypothesis expects to see anything anywhere: look at what is farthest from all that was seen, wide first."""
     far = np.array([min(_apart(pose, old) for old in situation.visited) for pose in situation.candidates])
     wide = np.array([pose.zoom for pose in situation.candidates])
-    pick = int((far / (1.0 + 4.0 * wide) / (situation.cost_s + _OVERHEAD_S)).argmax())
+    pick = int((far / (1.0 + 4.0 * wide) / (situation.cost_s + _view_cost_s(situation))).argmax())
     return Move(
         situation.candidates[pick],
         "no hypothesis predicts a part anywhere, so a part of the scene not seen yet is tried",
