@@ -105,19 +105,6 @@ def fit_edges(planes: Float32Array, polygons: FloatArray, radius_px: float = 3.5
     return EdgeFit(_corners(frames, middle, slope), middle, good.mean(axis=2), np.maximum(contrast, 0.0))
 
 
-def mean_profiles(planes: Float32Array, polygons: FloatArray, reach_px: float) -> tuple[FloatArray, Float32Array]:
-    """Places ``(o,)`` along the outward normals, and mean steps ``(K, n, o, c)`` across the edges there."""
-    frames = _Frames.of(polygons, 16)
-    reach = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2)
-    steps = np.diff(_profiles(planes, frames, reach).mean(axis=2), axis=-2)
-    return (reach[1:] + reach[:-1]) / 2, steps
-
-
-def moved_sides(polygons: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Polygons ``(K, n, 2)`` whose sides are moved outwards by ``(K, n)`` pixels; NaN where sides get parallel."""
-    return _corners(_Frames.of(polygons, 1), offsets, np.zeros_like(offsets))
-
-
 def _profiles(planes: Float32Array, frames: _Frames, reach: FloatArray) -> Float32Array:
     """Values ``(K, n, s, o, c)`` of the planes across the edges."""
     import cv2

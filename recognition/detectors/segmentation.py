@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.detectors import classify
+from recognition.detectors.edges import EdgeField
+from recognition.detectors.outward import nesting_depth, outward_outlines
 from recognition.detectors.profiles import EdgeFit, Float32Array, fit_edges, planes_of
 from recognition.detectors.regions import find_polygons
-from recognition.detectors.rings import outer_rings
 from recognition.modelbase import PartClass
 from recognition.parts import DetectedPart
 from rig.errors import InputError
@@ -19,6 +20,7 @@ from rig.hal import Image
 
 FloatArray = npt.NDArray[np.float64]
 
+_LIKELY_PX = 60.0
 _QUAD_VERTICAL = np.array([False, True, False, True])
 
 
@@ -36,8 +38,6 @@ class SegmentationSettings:
         refined_px: how far the refined edges may lie from the boundary of the region.
         border_px: parts nearer to the picture's border count as cut off.
         shape_px: corners of a part-class with more than four corners fit its canonical frame within this.
-        ring_px: how far outside of an outline a further one is looked for.
-        rings: how many such outlines are proposed per outline.
         most: most parts returned.
     """
 
@@ -50,8 +50,6 @@ class SegmentationSettings:
     refined_px: float = 3.5
     border_px: float = 1.0
     shape_px: float = 2.0
-    ring_px: float = 12.0
-    rings: int = 3
     most: int = 400
 
 
@@ -98,7 +96,7 @@ class SegmentationDetector:
             return []
         outlines = find_polygons(picture, self._counts, self._settings.least_px, self._settings.levels)
         planes = planes_of(picture)
-        found = [self._find(planes, n, np.array(group)) for n, group in outlines.items() if group]
+        found = [self._find(picture, planes, n, np.array(group)) for n, group in outlines.items() if group]
         parts = [
             DetectedPart(corners, scores, float(sigma), float(quality))
             for group in found
@@ -108,7 +106,7 @@ class SegmentationDetector:
         ]
         return sorted(parts, key=lambda part: -part.confidence)[: self._settings.most]
 
-    def _find(self, planes: Float32Array, n: int, outlines: FloatArray) -> _Found:
+    def _find(self, picture: Image, planes: Float32Array, n: int, outlines: FloatArray) -> _Found:
         """Refine, filter and classify outlines ``(K, n, 2)``."""
         if n == 4:
             outlines = classify.order_quadrilaterals(outlines)
@@ -121,8 +119,8 @@ class SegmentationDetector:
             near = np.abs(fit.corners_px - outlines).max(axis=(1, 2)) <= 2.5 * self._settings.refined_px
         fit = self._best(fit.take(near), planes)
         if n == 4:
-            rings = outer_rings(planes, fit.corners_px, self._settings.ring_px, self._settings.rings)
-            fit = self._best(fit.joined(rings), planes)
+            closed = _thinned(np.concatenate([fit.corners_px, outlines]), self._settings.same_px)
+            fit = self._best(fit.joined(outward_outlines(EdgeField(picture), closed)), planes)
         return self._quad_classes(planes, fit) if n == 4 else self._shape_classes(n, fit)
 
     def _roughly_known(self, n: int, outlines: FloatArray) -> npt.NDArray[np.bool_]:
@@ -152,7 +150,10 @@ class SegmentationDetector:
         inside, wall = classify.inside_and_wall(planes, fit.corners_px)
         by_class = classify.four_corner_scores(self._quads, inside, wall)
         scores = [{name: float(p[i]) for name, p in by_class.items()} for i in range(len(fit.corners_px))]
-        return _Found(fit.corners_px, scores, _quality(fit), _sigma(fit))
+        # Most of what lies inside another outline is a pane, and most of what is small is texture.
+        size = np.sqrt(np.prod(np.ptp(fit.corners_px, axis=1), axis=1))
+        likely = np.sqrt(np.minimum(size / _LIKELY_PX, 1.0)) / (1 + nesting_depth(fit.corners_px))
+        return _Found(fit.corners_px, scores, _quality(fit) * likely, _sigma(fit))
 
     def _shape_classes(self, n: int, fit: EdgeFit) -> _Found:
         """Turn each outline to start at its class's first corner, and score the classes by how well it fits them."""
