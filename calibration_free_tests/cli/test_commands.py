@@ -61,6 +61,7 @@ def test_help_imports_nothing_heavy() -> None:
         (["replay", "--bogus"], "No such option"),
         (["recognise", "--models", "architecture", "--threshold", "much", "--grid", "x"], "--threshold"),
         (["recognise", "--grid", "x"], "Missing option '--models'"),
+        (["recognise", "--models", "architecture", "--grid", "x", "--policy", "infomation"], "mean 'information'"),
         (["recognise", "--models", "architecture", "--grid", "x", "--detector", "segmentatoin"], "segmentation"),
         (["recognise", "--models", "architecture", "--grid", "x", "--mode", "papre"], "graded"),
         (["simulate", "architecture", "GG", "grid"], "Choose one of: LH, DS, GH"),

@@ -252,7 +252,7 @@ def _run(
 ) -> tuple[int, Answer]:
     from importlib.metadata import version
 
-    from recognition.recogniser import recognise as steps_of  # type: ignore[import-not-found,unused-ignore]
+    from recognition.recogniser import recognise as steps_of
     from rig.cli.watching import new_run_folder, watch_run
     from rig.run import RunRecorder, RunStart
 
