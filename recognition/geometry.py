@@ -116,7 +116,7 @@ def camera_in_rig(rig_pose: RigPose, mount: Mount | None = None) -> CameraPose:
 
 
 def camera_in_object(camera: CameraPose, object_in_rig: Pose4) -> CameraPose:
-    """The camera's pose in the object frame, from its pose in the rig frame and the object's placement (object -> rig)."""
+    """The camera in the object frame, from its pose in the rig frame and the object's placement (object -> rig)."""
     return CameraPose.from_to_camera(camera.to_camera() @ object_in_rig)
 
 

@@ -65,7 +65,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Face:
-    """A flat wall, for rendering and drawing: ``corners_mm`` ``(4, 3)``, clockwise as seen from outside, top-left first."""
+    """A flat wall, for rendering and drawing: ``corners_mm`` ``(4, 3)``, clockwise from outside, top-left first."""
 
     id: str
     corners_mm: FloatArray = field(repr=False)

@@ -101,7 +101,7 @@ class StepSeconds:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One view: the picture, what was found in it, the belief after it, and the move chosen (``None``: the run ends)."""
+    """One view: the picture, what was found in it, the belief after it, and the move chosen (``None``: the end)."""
 
     index: int
     frame: Frame

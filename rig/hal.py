@@ -46,7 +46,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """Travel of one axis, both ends reachable, in the axis' unit (mm, degrees, or zoom 0..1), and its speed per second."""
+    """Travel of one axis, both ends reachable, in its unit (mm, degrees, or zoom 0..1), and its speed per second."""
 
     lower: float
     upper: float
@@ -118,7 +118,7 @@ class Rig(Protocol):
         ...
 
     def reachable(self, near: RigPose | None = None) -> Sequence[RigPose]:
-        """Poses that the rig offers as next views: all cells of a grid, or a lattice within the limits around ``near``."""
+        """Poses that the rig offers as next views: all cells of a grid, or a lattice within limits around ``near``."""
         ...
 
     def nearest(self, wish: RigPose) -> RigPose:
