@@ -23,7 +23,8 @@ class DetectedPart:
 
     Attributes:
         corners_px: ``(n, 2)`` u, v of the corners in the order of the part-class (for four corners: top-left,
-            top-right, bottom-right, bottom-left as seen in the picture). Pixel (0, 0) is the centre of the top-left pixel.
+            top-right, bottom-right, bottom-left as seen in the picture). Pixel (0, 0) is the centre of the top-left
+            pixel.
         class_scores: part-class name to probability; sums to at most 1, the rest being "none of these".
         sigma_px: standard deviation of one corner coordinate, pixels.
         confidence: 0..1, how much this looks like a part at all (contrast, straightness of its edges).
