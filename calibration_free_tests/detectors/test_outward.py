@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration_free_tests.detectors.drawing import as_photo, draw_polygon
 from recognition.detectors.edges import EdgeField
-from recognition.detectors.outward import nesting_depth, outward_outlines
+from recognition.detectors.outward import holders, likely_part, outward_outlines
 
 FRAME = np.array([[60.0, 50.0], [140.0, 62.0], [140.0, 170.0], [60.0, 160.0]])
 PANE = FRAME + 5.0 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
@@ -28,7 +28,17 @@ def test_nothing_is_proposed_on_a_blank_wall_nor_around_very_small_outlines():
     assert len(outward_outlines(edge_field, np.zeros((0, 4, 2))).corners_px) == 0
 
 
-def test_panes_are_nested_in_their_window_but_not_in_the_whole_facade():
+def test_panes_lie_in_their_window_but_not_in_the_whole_facade():
     square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     facade, window, pane, other = 2000 * square, 100 * square + 50, 30 * square + 60, 100 * square + 400
-    assert nesting_depth(np.stack([facade, window, pane, other])).tolist() == [0, 0, 1, 0]
+    held = holders(np.stack([facade, window, pane, other]), 1.6, 60.0)
+    assert np.argwhere(held).tolist() == [[2, 1]]
+
+
+def test_the_outermost_outline_of_a_window_is_the_likeliest_part():
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    frame, inner = 100 * square + 50, 92 * square + 54
+    panes = [25 * square + corner for corner in ([60, 60], [110, 60], [60, 110], [110, 110])]
+    likely = likely_part(np.stack([*panes, inner, frame]))
+    assert likely.argmax() == 5
+    assert likely[4] > 2 * likely[:4].max()

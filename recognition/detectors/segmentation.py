@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from recognition.detectors import classify
 from recognition.detectors.edges import EdgeField
-from recognition.detectors.outward import nesting_depth, outward_outlines
+from recognition.detectors.outward import likely_part, outward_outlines
 from recognition.detectors.profiles import EdgeFit, Float32Array, fit_edges, planes_of
 from recognition.detectors.regions import find_polygons
 from recognition.modelbase import PartClass
@@ -20,7 +20,6 @@ from rig.hal import Image
 
 FloatArray = npt.NDArray[np.float64]
 
-_LIKELY_PX = 60.0
 _QUAD_VERTICAL = np.array([False, True, False, True])
 
 
@@ -50,7 +49,7 @@ class SegmentationSettings:
     refined_px: float = 3.5
     border_px: float = 1.0
     shape_px: float = 2.0
-    most: int = 400
+    most: int = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,9 +149,7 @@ class SegmentationDetector:
         inside, wall = classify.inside_and_wall(planes, fit.corners_px)
         by_class = classify.four_corner_scores(self._quads, inside, wall)
         scores = [{name: float(p[i]) for name, p in by_class.items()} for i in range(len(fit.corners_px))]
-        # Most of what lies inside another outline is a pane, and most of what is small is texture.
-        size = np.sqrt(np.prod(np.ptp(fit.corners_px, axis=1), axis=1))
-        likely = np.sqrt(np.minimum(size / _LIKELY_PX, 1.0)) / (1 + nesting_depth(fit.corners_px))
+        likely = likely_part(fit.corners_px)
         return _Found(fit.corners_px, scores, _quality(fit) * likely, _sigma(fit))
 
     def _shape_classes(self, n: int, fit: EdgeFit) -> _Found:
