@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from recognition.layout import Layout
 from recognition.seen import LEAST_CLASS_PROBABILITY, Seen
-from recognition.visibility import Pairs
+from recognition.visibility import Pairs, bounding_box
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -103,31 +103,54 @@ def vote_shift(
     reach = float(reach_px.max(initial=0.0))
     half = int(np.ceil(reach / bin_px)) + 1
     side = 2 * half + 1
-    low, high = pairs.corners_px.min(axis=1), pairs.corners_px.max(axis=1)
-    middle, size = (low + high) / 2, np.maximum(high - low, 1.0)
-    gap = seen.centre_px[None] - middle[:, None]
-    ratio = np.abs(np.log(np.maximum(seen.size_px[None], 1.0) / size[:, None])).max(axis=2)
-    near = (np.abs(gap) <= reach_px[pairs.hypothesis][:, None, None]).all(axis=2) & (ratio < 0.3)
-    row, det = np.nonzero(near)
-    shift = gap[row, det]
-    cell = np.rint(shift / bin_px).astype(np.int64) + half
-    # One vote of a part for a cell, however many detections stand there.
-    key = np.unique(np.stack([pairs.hypothesis[row], row, cell[:, 1], cell[:, 0]], axis=1), axis=0)
-    votes = np.zeros((hypotheses, side, side))
-    np.add.at(votes, (key[:, 0], key[:, 2], key[:, 3]), 1.0)
-    padded = np.pad(votes, ((0, 0), (1, 1), (1, 1)))
-    smooth = sum(padded[:, i : i + side, j : j + side] for i in range(3) for j in range(3)) + 0.5 * votes
-    across = (np.arange(side) - half) * bin_px
-    # Of equal votes the smaller shift is the likelier.
-    smooth = smooth - 0.4 * np.hypot(across[:, None], across[None]) / max(reach, 1.0)
     shifts = np.zeros((hypotheses, modes, 2))
     counts = np.zeros((hypotheses, modes))
-    for mode in range(modes):
-        best = smooth.reshape(hypotheses, -1).argmax(axis=1)
-        r, c = np.divmod(best, side)
-        counts[:, mode] = smooth[np.arange(hypotheses), r, c]
-        shifts[:, mode] = np.stack([across[c], across[r]], axis=1)
-        for dr in range(-3, 4):
-            for dc in range(-3, 4):
-                smooth[np.arange(hypotheses), np.clip(r + dr, 0, side - 1), np.clip(c + dc, 0, side - 1)] = -1e9
+    across = (np.arange(side) - half) * bin_px
+    # Of equal votes the smaller shift is the likelier.
+    far = (0.4 * np.hypot(across[:, None], across[None]) / max(reach, 1.0)).astype(np.float32)
+    owner, cell = _votes(pairs, seen, reach_px, bin_px, half)
+    for begin in range(0, hypotheses, _VOTERS):
+        end = min(begin + _VOTERS, hypotheses)
+        first, last = np.searchsorted(owner, [begin, end])
+        votes = np.zeros((end - begin, side + 2, side + 2), dtype=np.float32)
+        np.add.at(votes, (owner[first:last] - begin, cell[first:last, 1] + 1, cell[first:last, 0] + 1), 1.0)
+        rows = votes[:, :-2] + votes[:, 1:-1] + votes[:, 2:]
+        smooth = rows[:, :, :-2] + rows[:, :, 1:-1] + rows[:, :, 2:] + 0.5 * votes[:, 1:-1, 1:-1] - far
+        here = np.arange(end - begin)
+        for mode in range(modes):
+            best = smooth.reshape(end - begin, -1).argmax(axis=1)
+            r, c = np.divmod(best, side)
+            counts[begin:end, mode] = smooth[here, r, c]
+            shifts[begin:end, mode] = np.stack([across[c], across[r]], axis=1)
+            if mode + 1 < modes:
+                _silence(smooth, r, c)
     return shifts, counts
+
+
+_VOTERS = 512
+
+
+def _votes(pairs: Pairs, seen: Seen, reach_px: FloatArray, bin_px: float, half: int) -> tuple[IntArray, IntArray]:
+    """Votes as (hypothesis ``(m,)`` rising, cell ``(m, 2)``): one of a part for a cell, however many stand there."""
+    low, high = bounding_box(pairs.corners_px)
+    middle, size = (low + high) / 2, np.maximum(high - low, 1.0)
+    limit = reach_px[pairs.hypothesis][:, None]
+    seen_middle, log_seen, log_size = seen.centre_px, np.log(np.maximum(seen.size_px, 1.0)), np.log(size)
+    near = np.ones((len(size), seen.count), dtype=bool)
+    for k in (0, 1):
+        near &= np.abs(seen_middle[None, :, k] - middle[:, k, None]) <= limit
+        near &= np.abs(log_seen[None, :, k] - log_size[:, k, None]) < 0.3
+    row, det = np.nonzero(near)
+    cell = np.rint((seen_middle[det] - middle[row]) / bin_px).astype(np.int64) + half
+    side = 2 * half + 1
+    key = np.unique((row * side + cell[:, 1]) * side + cell[:, 0])
+    row, place = np.divmod(key, side * side)
+    return pairs.hypothesis[row], np.stack([place % side, place // side], axis=1)
+
+
+def _silence(votes: npt.NDArray[np.float32], row: IntArray, column: IntArray) -> None:
+    """Blank out the surroundings of a peak in each hypothesis's votes."""
+    here, side = np.arange(len(votes)), votes.shape[1]
+    for dr in range(-3, 4):
+        for dc in range(-3, 4):
+            votes[here, np.clip(row + dr, 0, side - 1), np.clip(column + dc, 0, side - 1)] = -1e9

@@ -6,17 +6,18 @@ earlier views, so a place that was missed or dropped comes back when it explains
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from recognition.geometry import rotation_y
 from recognition.hypotheses import Hypotheses, join
 from recognition.proposals import propose
 from recognition.seen import Seen
 from recognition.settings import Effort
-from recognition.tracking import World, add_view, look_in, rescore, settle, start
+from recognition.tracking import World, add_view, look_in, match_view, rescore, score_view, settle, start
 from recognition.visibility import camera_in_objects
 
 FloatArray = npt.NDArray[np.float64]
@@ -25,6 +26,7 @@ IntArray = npt.NDArray[np.int64]
 NONE_PRIOR = 0.05
 """Prior probability that the object is not in the model base."""
 _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
+_RIVALS = 120
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,19 +85,83 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         ahead = np.arange(min(effort.fresh // 2, len(carried)))
         rest = np.arange(len(ahead), len(carried))
         carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
-    most = effort.proposals if carried is None else effort.fresh
-    if views[last].count == 0:
+    if views[last].count == 0 or (carried is not None and not effort.always_fresh and _explains(world, carried, last)):
         return carried if carried is not None else Hypotheses.empty(views)
-    proposals = propose(world.layout, world.around, views[last], world.bounds, anchors=effort.anchors, most=most)
+    fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
+    everything = fresh if carried is None else join(carried, fresh)
+    return thin(everything, views[last], effort.tracked)
+
+
+def _explains(world: World, hypotheses: Hypotheses, view: int) -> bool:
+    """Whether the leading hypotheses say nearly all that can be said of a view."""
+    if len(hypotheses) == 0:
+        return False
+    ahead = np.argsort(-hypotheses.log_weight)[:20]
+    return bool(hypotheses.odds[ahead, view].max() > 0.6 * world.rates.view_cap)
+
+
+def _fresh(world: World, views: list[Seen], effort: Effort, most: int) -> Hypotheses:
+    """Places that the last view suggests, tried on all views."""
+    last = len(views) - 1
+    proposals = propose(
+        world.layout,
+        world.around,
+        views[last],
+        world.bounds,
+        anchors=effort.anchors,
+        most=most,
+        per_part=effort.per_part,
+        focals=effort.focals,
+    )
     if len(proposals.part) == 0:
-        return carried if carried is not None else Hypotheses.empty(views)
+        return Hypotheses.empty(views)
     fresh = thin(start(world, proposals, views, last), views[last], most)
     for k in range(last - 1, -1, -1):
         if views[k].count:
             fresh = look_in(world, fresh, views, k)
-    fresh = settle(world, fresh, views)
-    everything = fresh if carried is None else join(carried, fresh)
-    return thin(everything, views[last], effort.tracked)
+    return settle(world, fresh, views)
+
+
+def rivals(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) -> Hypotheses:
+    """Every other place that shows the part in the middle of a hypothesis's matches, tried on all views.
+
+    Views taken to follow one hypothesis may never propose its rival: a mirror image, a repeated wing. Before a run
+    ends, the leading hypothesis is therefore moved to every part of the same shape, and each such place may explain
+    all views better.
+    """
+    anchor = _central_part(world, hypotheses, views, row)
+    if anchor is None:
+        return hypotheses.take(np.empty(0, dtype=np.int64))
+    layout = world.layout
+    size = layout.size_mm
+    alike = (layout.part_class == layout.part_class[anchor]) & (np.abs(size / size[anchor] - 1.0).max(axis=1) < 0.06)
+    alike[anchor] = False
+    part = np.flatnonzero(alike)
+    phi, shift = hypotheses.placement[row, 0], hypotheses.placement[row, 1:]
+    at = rotation_y(phi) @ layout.centre_mm[anchor] + shift
+    angle = np.arctan2(layout.along[:, 2], layout.along[:, 0])
+    turned = phi + angle[part] - angle[anchor]
+    placement = np.concatenate(
+        [turned[:, None], at - np.einsum("hij,hj->hi", rotation_y(turned), layout.centre_mm[part])], axis=1
+    )
+    moved = hypotheses.take(np.full(len(part), row))
+    moved = replace(moved, object_of=layout.object_of[part], placement=placement)
+    # The view with most matches sorts out most; the rest are tried on all views.
+    richest = int(np.argmax([(m.part[row] >= 0).sum() for m in hypotheses.matches]))
+    moved = score_view(world, match_view(world, moved, views, richest, loose=0.08), views, richest)
+    ahead = np.argsort(-moved.odds[:, richest], kind="stable")[:_RIVALS]
+    return settle(world, moved.take(ahead), views)
+
+
+def _central_part(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) -> int | None:
+    """The part that most views match, nearest to the middle of all parts matched."""
+    matched = np.concatenate([m.part[row][m.part[row] >= 0] for m in hypotheses.matches])
+    if matched.size == 0:
+        return None
+    part, times = np.unique(matched, return_counts=True)
+    middle = world.layout.centre_mm[matched].mean(axis=0)
+    away = np.linalg.norm(world.layout.centre_mm[part] - middle, axis=1)
+    return int(part[np.lexsort((away, -times))[0]])
 
 
 def thin(hypotheses: Hypotheses, seen: Seen, most: int) -> Hypotheses:

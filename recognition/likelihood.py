@@ -15,7 +15,7 @@ from recognition.association import Matching
 from recognition.layout import Layout
 from recognition.rates import DetectionRates
 from recognition.seen import Seen
-from recognition.visibility import Pairs
+from recognition.visibility import Pairs, bounding_box
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -31,7 +31,8 @@ def part_log_odds(layout: Layout, matching: Matching, seen: Seen, rates: Detecti
     if hit.size == 0:
         return odds
     det = matching.detection[hit]
-    size = np.maximum(np.ptp(pairs.corners_px[hit], axis=1), 4.0)
+    low, high = bounding_box(pairs.corners_px[hit])
+    size = np.maximum(high - low, 4.0)
     sd = np.hypot(seen.sigma_px[det], rates.corner_sd_px)
     count = layout.corner_count[pairs.part[hit]]
     # Clutter: anywhere in the frame, any size within e^3, corners off a window's shape by a tenth of its size.
@@ -57,7 +58,7 @@ def _rate(pairs: Pairs, seen: Seen, rates: DetectionRates) -> FloatArray:
     """Detection rate of each expected part: lower at the frame's border, seen obliquely, or small."""
     if len(pairs.part) == 0:
         return np.empty(0)
-    low, high = pairs.corners_px.min(axis=1), pairs.corners_px.max(axis=1)
+    low, high = bounding_box(pairs.corners_px)
     edge = np.minimum(low, np.array(seen.image_size) - 1 - high).min(axis=1)
     doubtful = (edge < 8.0) | (pairs.cosine < 0.35) | ((high - low).min(axis=1) < 14.0)
     return np.where(doubtful, 0.4 * rates.found, rates.found)

@@ -25,6 +25,7 @@ IntArray = npt.NDArray[np.int64]
 
 CELLS_ACROSS = 20
 """A picture is divided into so many cells across; parts this near look alike to a planner."""
+_POSE_CANDIDATES, _POSE_MATTERS = 40, 0.3
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,9 @@ def predict(
         features.append(_picture(which[rows_c], middle[rows_c], look[rows_c], m, size))
     expected = np.zeros((k, m + 1))
     np.add.at(expected, (candidate, which), 1.0)
-    bits = _pose_bits(world, hypotheses, views, cameras, pairs, candidate, which)
+    bits = np.zeros(k)
+    if len(weight) and weight[0] > _POSE_MATTERS:
+        bits = _pose_bits(world, hypotheses, views, cameras, pairs, candidate, which)
     return Prediction(np.append(weight, belief.none), rows, features, expected, bits)
 
 
@@ -190,6 +193,8 @@ def _pose_bits(
     base = [np.concatenate(a) for a in (old_points, old_px, old_weight, old_view)]
     mine = np.flatnonzero(which == 0)
     counts = np.bincount(candidate[mine], minlength=k)
+    # The fits are costly, so only the candidates that show the most parts are tried.
+    counts[np.argsort(-counts, kind="stable")[_POSE_CANDIDATES:]] = 0
     room = min(int(counts.max(initial=0)), 12)
     if room == 0 or len(base[0]) == 0:
         return bits

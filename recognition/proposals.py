@@ -87,7 +87,15 @@ def focal_range(bounds: BenchBounds, width: int) -> tuple[float, float]:
 
 
 def propose(
-    layout: Layout, around: Surroundings, seen: Seen, bounds: BenchBounds, *, anchors: int, most: int, focals: int = 3
+    layout: Layout,
+    around: Surroundings,
+    seen: Seen,
+    bounds: BenchBounds,
+    *,
+    anchors: int,
+    most: int,
+    per_part: int = 4,
+    focals: int = 3,
 ) -> Proposals:
     """Try detections as parts, and keep the ``most`` best supported starts.
 
@@ -96,11 +104,12 @@ def propose(
         around: its surroundings.
         seen: the view.
         bounds: distance and lens bounds of the bench.
-        anchors: at most so many detections are tried, those that stand for most of the view first.
+        anchors: at most so many detections are tried, the detector's best.
         most: at most so many (detection, part) pairs are kept.
+        per_part: detections that one part is proposed for, at most.
         focals: focal lengths tried for each, where the view leaves the focal length open.
     """
-    chosen = _anchors(seen, anchors)
+    chosen = np.arange(min(anchors, seen.count))
     if chosen.size == 0:
         return _none()
     detection, shape, numbers, low, high = _pairs(layout, seen, chosen, bounds)
@@ -109,7 +118,7 @@ def propose(
     pair = np.repeat(np.arange(len(shape)), lengths)
     part = np.concatenate([by_shape[s] for s in shape]) if len(shape) else np.empty(0, dtype=np.int64)
     score = _support(around, seen, numbers[pair], part)
-    keep = _best(score, detection[pair], part, most)
+    keep = _best(score, part, most, per_part)
     pair, part, score = pair[keep], part[keep], score[keep]
     return _starts(layout, seen, part, detection[pair], numbers[pair], low[pair], high[pair], score, focals)
 
@@ -117,17 +126,6 @@ def propose(
 def _none() -> Proposals:
     nothing = np.empty(0, dtype=np.int64)
     return Proposals(nothing, nothing, np.empty((0, 4)), np.empty((0, 4)), np.empty(0))
-
-
-def _anchors(seen: Seen, most: int) -> IntArray:
-    """Detections to try: those that others do not lie around, then the larger; panes of a window come last."""
-    if seen.count == 0:
-        return np.empty(0, dtype=np.int64)
-    middle, size = seen.centre_px, seen.size_px
-    inside = (np.abs(middle[:, None] - middle[None]) < 0.5 * size[None]).all(axis=-1)
-    # Concentric rivals (frame, reveal, glass) do not count as lying around each other.
-    around = inside & (size[:, None].prod(axis=-1) < 0.4 * size[None].prod(axis=-1))
-    return np.lexsort((-size.prod(axis=1), around.sum(axis=1)))[:most]
 
 
 def _pairs(
@@ -197,20 +195,14 @@ def _support(around: Surroundings, seen: Seen, numbers: FloatArray, part: IntArr
     return score
 
 
-def _best(score: FloatArray, detection: IntArray, part: IntArray, most: int) -> IntArray:
+def _best(score: FloatArray, part: IntArray, most: int, per_part: int) -> IntArray:
     """The best pairs, at most a few for each part, so that one lucky lattice does not crowd out all other places."""
     order = np.argsort(-score, kind="stable")
-    rank = np.zeros(len(order), dtype=np.int64)
-    counter: dict[int, int] = {}
-    for position in order:
-        p = int(part[position])
-        rank[position] = counter.get(p, 0)
-        counter[p] = rank[position] + 1
-    order = order[rank[order] < _PER_PART]
-    return order[:most]
-
-
-_PER_PART = 4
+    by_part = np.argsort(part[order], kind="stable")
+    grouped = part[order][by_part]
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[by_part] = np.arange(len(order)) - np.searchsorted(grouped, grouped)
+    return order[rank < per_part][:most]
 
 
 def _starts(

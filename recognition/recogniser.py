@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from recognition.belief import Belief, update, weigh
+from recognition.belief import Belief, rivals, thin, update, weigh
 from recognition.detectors import load_detector
 from recognition.geometry import camera_in_rig, wrap_deg
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
@@ -20,11 +20,13 @@ from recognition.second_look import look_again
 from recognition.seen import Seen, see
 from recognition.settings import RecogniserSettings
 from recognition.steps import Answer, Move, Outcome, Step, StepSeconds
-from recognition.summary import Verdict, answer, judge, summarise
+from recognition.summary import Verdict, answer, judge, leading_group, summarise
 from recognition.tracking import World, make_world
 from rig.hal import Frame, Rig, RigPose
 
 FloatArray = npt.NDArray[np.float64]
+
+_ABOUT_TO_WIN = 0.9
 
 
 def recognise(
@@ -103,14 +105,37 @@ class _State:
         """Update the belief with one view."""
         self.views.append(self._seen(frame, parts))
         self.path.append(frame.rig_pose)
-        effort = self.settings.effort
-        hypotheses = update(self.world, self.hypotheses, self.views, effort)
-        if effort.second_looks:
-            ahead = np.arange(min(effort.second_looks, len(hypotheses)))
-            rest = np.arange(len(ahead), len(hypotheses))
-            hypotheses = join(look_again(self.world, hypotheses.take(ahead), self.views), hypotheses.take(rest))
+        hypotheses = update(self.world, self.hypotheses, self.views, self.settings.effort)
+        self._believe(self._look_again(hypotheses))
+        self._try_rivals()
+
+    def _look_again(self, hypotheses: Hypotheses) -> Hypotheses:
+        most = self.settings.effort.second_looks
+        if not most:
+            return hypotheses
+        order = np.argsort(-hypotheses.log_weight, kind="stable")
+        ahead, rest = order[:most], order[most:]
+        return join(look_again(self.world, hypotheses.take(ahead), self.views), hypotheses.take(rest))
+
+    def _believe(self, hypotheses: Hypotheses) -> None:
         self.hypotheses = forget_contradicted(hypotheses)
         self.belief = weigh(self.world, hypotheses)
+
+    def _try_rivals(self) -> None:
+        """Once for each leading place that is about to win: let all places alike compete on all views."""
+        belief = self.belief
+        if len(belief.hypotheses) == 0 or len(self.views) < 2:
+            return
+        group = leading_group(self.world, belief, self.views)
+        if belief.probability[group].sum() < _ABOUT_TO_WIN:
+            return
+        challengers = rivals(self.world, belief.hypotheses, self.views, 0)
+        if len(challengers) == 0:
+            return
+        best = thin(challengers, self.views[-1], max(self.settings.effort.second_looks, 40))
+        self._believe(
+            thin(join(belief.hypotheses, self._look_again(best)), self.views[-1], len(belief.hypotheses) + 40)
+        )
 
     def _seen(self, frame: Frame, parts: Sequence[DetectedPart]) -> Seen:
         height, width = frame.image.shape[:2]

@@ -46,9 +46,12 @@ class Effort:
     """How much work a step may take: more on cluttered photographs, less on clean views.
 
     Attributes:
-        anchors: detections of a view that are tried as parts.
+        anchors: detections of a view that are tried as parts, the detector's best.
+        per_part: detections that one part may be proposed for.
+        focals: focal lengths tried for a proposal where the view leaves it open.
         proposals: (detection, part) pairs of the first view that become hypotheses.
         fresh: starts of a later view that are tried on all earlier views.
+        always_fresh: propose places from a later view even if the hypotheses carried on explain it well.
         tracked: hypotheses kept.
         modes: image shifts tried for each tracked hypothesis in a new view.
         second_looks: leading hypotheses whose missed parts are looked for again along their outlines; 0: none.
@@ -56,9 +59,12 @@ class Effort:
         sampled: hypotheses that the planner compares.
     """
 
-    anchors: int = 6
+    anchors: int = 8
+    per_part: int = 1
+    focals: int = 2
     proposals: int = 2500
-    fresh: int = 200
+    fresh: int = 100
+    always_fresh: bool = False
     tracked: int = 2500
     modes: int = 1
     second_looks: int = 0
@@ -68,9 +74,20 @@ class Effort:
     @staticmethod
     def for_clutter(clutter: float) -> Effort:
         """What suits a detector with so many false detections a view."""
-        if clutter <= 10.0:
+        if clutter <= 50.0:
             return Effort()
-        return Effort(anchors=100, proposals=600, fresh=200, tracked=300, modes=2, second_looks=40, candidates=120)
+        return Effort(
+            anchors=120,
+            per_part=4,
+            focals=3,
+            proposals=600,
+            fresh=200,
+            always_fresh=True,
+            tracked=300,
+            modes=2,
+            second_looks=40,
+            candidates=120,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from recognition.proposals import Proposals, Surroundings, focal_range, surround
 from recognition.rates import DetectionRates
 from recognition.seen import Seen
 from recognition.settings import BenchBounds
-from recognition.visibility import Pairs, Walls, parts_in_view, walls_of
+from recognition.visibility import Pairs, Walls, bounding_box, parts_in_view, walls_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -148,7 +148,8 @@ def match_view(
     if internals is None:
         internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
-    size = np.ptp(pairs.corners_px, axis=1).min(axis=1) if len(pairs.part) else np.empty(0)
+    low, high = bounding_box(pairs.corners_px)
+    size = np.minimum(high[:, 0] - low[:, 0], high[:, 1] - low[:, 1])
     floor = 4.0 * world.rates.corner_sd_px
     gate = np.maximum(loose * size, floor) + 1.0
     found = gather(match(world.layout, pairs, seen, gate), seen, len(hypotheses), world.rates.corner_sd_px)

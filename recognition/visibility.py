@@ -134,23 +134,52 @@ def _of_object(
     least_px: float,
 ) -> Pairs:
     middle = layout.centre_mm[span]
-    ray = middle[None] - centre[rows][:, None]
-    cosine = -np.einsum("hpk,pk->hp", ray, layout.normal[span]) / np.maximum(np.linalg.norm(ray, axis=2), 1e-9)
-    c, s = np.cos(pan[rows])[:, None], np.sin(pan[rows])[:, None]
-    z = -s * ray[..., 0] + c * ray[..., 2]
-    x = c * ray[..., 0] + s * ray[..., 2]
-    safe = np.where(z > 1e-6, z, 1e-6)
-    fx, fy, u0, v0 = np.moveaxis(internals[rows][:, None], -1, 0)
-    u, v = fx * x / safe + u0, fy * ray[..., 1] / safe + v0
-    inside = (u > 0) & (u < size[0]) & (v > 0) & (v < size[1])
-    row, part = np.nonzero(inside & (z > 1e-6) & (cosine > LEAST_COSINE))
+    row, part = _in_sight(middle, layout.normal[span], pan[rows], centre[rows], internals[rows], size)
     hypothesis = rows[row]
+    ray = middle[part] - centre[hypothesis]
+    cosine = -np.einsum("nk,nk->n", ray, layout.normal[span][part]) / np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
+    facing = cosine > LEAST_COSINE
+    hypothesis, part, cosine = hypothesis[facing], part[facing], cosine[facing]
     px, depth = _project(layout.corners_mm[span][part], pan[hypothesis], centre[hypothesis], internals[hypothesis])
-    low, high = px.min(axis=1), px.max(axis=1)
-    whole = (depth.min(axis=1) > 0) & (low >= margin_px).all(axis=1) & (high <= size - 1 - margin_px).all(axis=1)
-    whole &= (high - low).min(axis=1) >= least_px
+    low, high = bounding_box(px)
+    whole = np.asarray((depth > 0).all(axis=1))
+    for k in (0, 1):
+        whole &= (low[:, k] >= margin_px) & (high[:, k] <= size[k] - 1 - margin_px)
+        whole &= high[:, k] - low[:, k] >= least_px
     whole[whole] = ~_hidden(walls, middle[part[whole]], centre[hypothesis[whole]])
-    return Pairs(hypothesis[whole], part[whole] + span.start, px[whole], cosine[row, part][whole])
+    return Pairs(hypothesis[whole], part[whole] + span.start, px[whole], cosine[whole])
+
+
+def _in_sight(
+    middle: FloatArray,
+    normal: FloatArray,
+    pan: FloatArray,
+    centre: FloatArray,
+    internals: FloatArray,
+    size: npt.NDArray[np.int64],
+) -> tuple[IntArray, IntArray]:
+    """(row, part) whose centres face the camera and lie in the frame; dense over all parts, so in matrix products."""
+    c, s = np.cos(pan), np.sin(pan)
+    flat = middle[:, [0, 2]].T
+    z = np.stack([-s, c], axis=1) @ flat - (-s * centre[:, 0] + c * centre[:, 2])[:, None]
+    x = np.stack([c, s], axis=1) @ flat - (c * centre[:, 0] + s * centre[:, 2])[:, None]
+    fx, fy, u0, v0 = (internals[:, k, None] for k in range(4))
+    u = fx * x + u0 * z
+    inside = (z > 1e-6) & (u > 0) & (u < size[0] * z)
+    inside &= centre @ normal.T > np.einsum("pk,pk->p", middle, normal)
+    row, part = np.nonzero(inside)
+    v = fy[row, 0] * (middle[part, 1] - centre[row, 1]) / z[row, part] + v0[row, 0]
+    keep = (v > 0) & (v < size[1])
+    return row[keep], part[keep]
+
+
+def bounding_box(polygons: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest u, v ``(n, 2)`` of polygons ``(n, C, 2)``; corner by corner, for reducing short axes is slow."""
+    low, high = polygons[:, 0].copy(), polygons[:, 0].copy()
+    for k in range(1, polygons.shape[1]):
+        np.minimum(low, polygons[:, k], out=low)
+        np.maximum(high, polygons[:, k], out=high)
+    return low, high
 
 
 def _project(
