@@ -62,6 +62,14 @@ def test_every_manifest_comes_back_as_it_was(
     assert grid.frames[0].commanded == grid.frames[0].measured == commanded
 
 
+@pytest.mark.parametrize(
+    "text", ["", "INFINITY", "off", "010", "1:30", "a: b # c", "'", '"', "\n x\n", "😀", "\ufffe\x85"]
+)
+def test_whatever_is_said_of_the_provenance_comes_back(tmp_path: Path, text: str) -> None:
+    GridWriter(tmp_path, GridInfo(provenance=text)).add(frame_at(lattice()[0]), "a.png")
+    assert read_grid(tmp_path).info.provenance == text
+
+
 def test_pictures_and_all_details_come_back(tmp_path: Path) -> None:
     pose, wish = RigPose(1.5, -2.0, 3.0, 4.0, 0.5), RigPose(1.0, -2.0, 3.0, 4.0, 0.5)
     writer = GridWriter(tmp_path, GridInfo(image_size=(24, 16)))

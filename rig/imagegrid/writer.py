@@ -129,10 +129,17 @@ class GridWriter:
 
 
 def _info_yaml(info: GridInfo) -> str:
+    values = info.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return "".join(f"{key}: {_quoted(value)}\n" for key, value in values.items())
+
+
+def _quoted(value: Any) -> str:
+    """A value as YAML; text always in quotes, lest a word like ``off`` be read as something else."""
     import yaml
 
-    values = info.model_dump(mode="json", by_alias=True, exclude_none=True)
-    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    if isinstance(value, str):
+        return str(yaml.safe_dump(value, default_style='"', allow_unicode=True, width=1_000_000)).strip()
+    return json.dumps(value)
 
 
 def _encode(image: Image, path: Path, quality: int | None) -> bytes:
