@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rig.errors import ImageGridError, InputError, UnreachableError
+from rig.errors import InputError, UnreachableError
 from rig.hal import AxisLimits, Frame, RigLimits, RigPose, travel_seconds
 from rig.imagegrid import GridFrame, ImageGrid
 from rig.imagegrid.entry import pose_key
@@ -152,18 +152,6 @@ class ImageGridRig:
             turn = (end.theta_deg - start.theta_deg + 180.0) % 360.0 - 180.0
             end = replace(end, theta_deg=start.theta_deg + turn)
         return travel_seconds(self._limits, start, end)
-
-    def pose_of(self, file: str) -> RigPose:
-        """The cell of a picture, by its file name.
-
-        Raises:
-            ImageGridError: there is no such picture, or several, or it lies outside the limits.
-        """
-        frame = self._grid.frame(file)
-        outside = self._outside(frame.pose)
-        if outside is not None:
-            raise ImageGridError(outside, where=file, remedy="Widen the axis limits, or choose another picture")
-        return frame.pose
 
     def close(self) -> None:
         """Nothing to release."""

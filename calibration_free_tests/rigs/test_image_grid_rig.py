@@ -57,13 +57,6 @@ def test_every_cell_shows_its_own_picture(folder: Path) -> None:
         assert frame.rig_pose == frame.commanded == pose
 
 
-def test_a_start_may_be_given_as_a_picture(folder: Path) -> None:
-    rig = rig_on(folder)
-    assert rig.pose_of("images/004.png") == rig.pose_of("004") == POSES[4]
-    with pytest.raises(ImageGridError, match="no picture is called 'x'"):
-        rig.pose_of("x")
-
-
 def test_the_digest_is_checked_when_the_picture_is_taken(folder: Path) -> None:
     rig = rig_on(folder)
     path = folder / "images/003.png"
@@ -142,8 +135,8 @@ def test_cells_beyond_the_limits_are_not_offered(folder: Path) -> None:
     narrow = replace(limits_of(grid), x_mm=AxisLimits(5.0, 20.0, 10.0))
     rig = ImageGridRig(grid, narrow, internals_fixed_by_zoom=True)
     assert {pose.x_mm for pose in rig.reachable()} == {10.0, 20.0}
-    with pytest.raises(ImageGridError, match=r"x_mm = 0 is outside 5 \.\. 20"):
-        rig.pose_of("000")
+    with pytest.raises(UnreachableError, match=r"x_mm = 0 is outside 5 \.\. 20"):
+        rig.move_to(POSES[0])
     with pytest.raises(InputError, match=r"none of the grid's pictures.*x_mm = 0 is outside 50 \.\. 60"):
         ImageGridRig(grid, replace(narrow, x_mm=AxisLimits(50.0, 60.0, 10.0)), internals_fixed_by_zoom=True)
 
@@ -211,6 +204,6 @@ def test_the_castle_is_served_whole(real_data: Path) -> None:
 @pytest.mark.realdata
 def test_castle_wishes_stay_at_the_place_and_turn(real_data: Path) -> None:
     rig = open_rig(load_bench(CASTLE_BENCH), real_data / "castle")
-    here = rig.pose_of("p00_t_m0375")
+    here = rig.grid.frame("p00_t_m0375").pose
     assert rig.nearest(replace(here, x_mm=here.x_mm + 300.0, theta_deg=here.theta_deg + 1.0)) == here
     assert rig.nearest(replace(here, theta_deg=here.theta_deg - 7.0)).theta_deg == pytest.approx(here.theta_deg - 7.5)
