@@ -60,7 +60,7 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    seed: Seed = 2,
+    seed: Seed = 9,
     policy: Policy = None,
     grid: Annotated[
         Path | None, typer.Option("--grid", metavar="DIR", help="Keep the rendered image grid here, new or empty.")
