@@ -19,6 +19,7 @@ from recognition.varpro import refine_batch
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 MOST_MATCHES = 24
 TAIL_SD = 3.0
@@ -86,6 +87,13 @@ class Hypotheses:
     def __len__(self) -> int:
         return len(self.object_of)
 
+    def put(self, rows: IntArray, others: Hypotheses) -> Hypotheses:
+        """The set with some hypotheses replaced, as many as there are rows."""
+        rest = np.setdiff1d(np.arange(len(self)), rows)
+        order = np.empty(len(self), dtype=np.int64)
+        order[np.concatenate([rest, rows])] = np.arange(len(self))
+        return join(self.take(rest), others).take(order)
+
     def take(self, rows: IntArray) -> Hypotheses:
         """Those hypotheses, in that order."""
         return Hypotheses(
@@ -122,6 +130,22 @@ def join(a: Hypotheses, b: Hypotheses) -> Hypotheses:
             for m, n in zip(a.matches, b.matches, strict=True)
         ),
     )
+
+
+def _plausible(internals: FloatArray, image_size: tuple[int, int]) -> BoolArray:
+    """``(H, G)`` whether a lens could be so: a principal point within half a width of the centre, nearly square pixels.
+
+    Without this a hypothesis could escape a view's evidence by internals under which nothing is in the frame.
+    """
+    fx, fy, u0, v0 = np.moveaxis(internals, -1, 0)
+    width, height = image_size
+    near = (np.abs(u0 - width / 2) < _PRINCIPAL_REACH * width) & (np.abs(v0 - height / 2) < _PRINCIPAL_REACH * width)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = np.abs(np.log(fy / fx)) < _ASPECT_REACH
+    return np.asarray((fx > 0) & (fy > 0) & near & square)
+
+
+_PRINCIPAL_REACH, _ASPECT_REACH = 0.5, 0.15
 
 
 def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> ViewMatches:
@@ -189,6 +213,7 @@ def refine(
     internals = np.where(usable[:, None, None], 0.0, hypotheses.internals)
     width = fit.internals.shape[1]
     internals[:, :width] = np.where(usable[:, None, None], fit.internals, internals[:, :width])
+    internals[~_plausible(internals, views[0].image_size)] = 0.0
     total = np.concatenate(weights, axis=1)
     square = (fit.residuals**2).sum(axis=2) * total**2
     corner_cost = TAIL_SD**2 * np.log1p(square / TAIL_SD**2)

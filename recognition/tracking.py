@@ -179,7 +179,12 @@ def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: in
 def settle(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
     """Match all views afresh, refine over all, then score each view."""
     for k in range(len(views)):
-        hypotheses = match_view(world, hypotheses, views, k, loose=0.08)
+        lost = np.flatnonzero(hypotheses.internals[:, views[k].group, 0] <= 0)
+        matched = match_view(world, hypotheses, views, k, loose=0.08)
+        if lost.size and views[k].count:
+            # Its zoom setting is not known to these, so the view has to be found first.
+            matched = matched.put(lost, look_in(world, hypotheses.take(lost), views, k))
+        hypotheses = matched
     return rescore(world, hypotheses, views, range(len(views)))
 
 

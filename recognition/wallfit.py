@@ -39,7 +39,8 @@ def fit_wall(local_mm: FloatArray, pixels: FloatArray, sigma_px: FloatArray) -> 
     scale = np.abs(local_mm).max(axis=(1, 2))
     s, y = np.moveaxis(local_mm / scale[:, None, None], -1, 0)
     mid = pixels.mean(axis=1, keepdims=True)
-    u, v = np.moveaxis(pixels - mid, -1, 0)
+    spread = np.maximum(np.abs(pixels - mid).max(axis=(1, 2)), 1e-6)
+    u, v = np.moveaxis((pixels - mid) / spread[:, None, None], -1, 0)
     one, zero = np.ones_like(s), np.zeros_like(s)
     rows_u = np.stack([s, one, -u * s, zero, zero, zero], axis=-1)
     rows_v = np.stack([zero, zero, -v * s, s, y, one], axis=-1)
@@ -49,13 +50,14 @@ def fit_wall(local_mm: FloatArray, pixels: FloatArray, sigma_px: FloatArray) -> 
     inverse = np.linalg.inv(normal)
     x = np.einsum("nij,nrj,nr->ni", inverse, design, seen)
     residual = seen - np.einsum("nri,ni->nr", design, x)
-    a, b, c, d, e, g = np.moveaxis(x, -1, 0)
+    a, b, c, d, e, g = np.moveaxis(x * np.array([1, 1, 0, 1, 1, 1]) * spread[:, None], -1, 0)
+    c = x[:, 2]
     # Back from pixels about their mean and lengths in units of the part.
     mu, mv = mid[:, 0, 0], mid[:, 0, 1]
     numbers = np.stack([a + mu * c, b + mu, c, d + mv * c, e, g + mv], axis=-1)
     numbers[:, [0, 2, 3, 4]] /= scale[:, None]
-    c_sd = np.sqrt(inverse[:, 2, 2]) * sigma_px / scale
-    return WallFit(numbers, np.sqrt((residual**2).mean(axis=1)), c_sd)
+    c_sd = np.sqrt(inverse[:, 2, 2]) * sigma_px / spread / scale
+    return WallFit(numbers, np.sqrt((residual**2).mean(axis=1)) * spread, c_sd)
 
 
 def wall_to_image(numbers: FloatArray, local_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
