@@ -21,6 +21,7 @@ _LEAST_SCORE = 0.4  # random places on photographs stay below it in 99 of 100 ca
 _SLACK_PX = 3.0
 _SAME, _INNER, _CONTAINER = 1.02, 1.6, 60.0  # areas relative to what lies inside: a frame, then a window, then a wall
 _PANE, _FRAME, _EMPTY = 0.3, 0.9, 0.3  # what lying in a window, lying in each frame, and holding nothing leave
+_LARGE_PX = 60.0  # from this size, the root of the area, an outline is no texture
 _HOLDS = 6  # outlines held that make a part likely
 
 
@@ -41,12 +42,14 @@ def likely_part(outlines: FloatArray) -> FloatArray:
 
     A part's outline is the outer one of its frame: it holds panes and inner frames, and no other outline of about a
     part's size holds it. What is held by a much larger one is a pane, or texture within a part; what holds nothing is
-    less likely a part, but may be one (a plain opening).
+    less likely a part, but may be one (a plain opening). Most of what is small is texture.
     """
     pane_of, frame_of = holders(outlines, _INNER, _CONTAINER), holders(outlines, _SAME, _INNER)
     holds = pane_of.sum(axis=0) + frame_of.sum(axis=0)
     outermost = np.where(pane_of.any(axis=1), _PANE, 1.0) * _FRAME ** frame_of.sum(axis=1)
-    return np.asarray(outermost * (_EMPTY + (1 - _EMPTY) * np.minimum(1.0, holds / _HOLDS)))
+    size = np.sqrt(np.prod(np.ptp(outlines, axis=1), axis=1))
+    large = np.sqrt(np.minimum(1.0, size / _LARGE_PX))
+    return np.asarray(large * outermost * (_EMPTY + (1 - _EMPTY) * np.minimum(1.0, holds / _HOLDS)))
 
 
 def holders(outlines: FloatArray, least: float, most: float) -> npt.NDArray[np.bool_]:

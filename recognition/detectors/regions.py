@@ -13,13 +13,15 @@ from rig.hal import Image
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
-_SLACK = (0.02, 0.035, 0.05, 0.07)  # of a quadrilateral, as shares of the outline's length
+_SLACK = (0.01, 0.02, 0.035, 0.05, 0.07)  # of a quadrilateral, as shares of the outline's length
 _FINE_SLACK = (0.008, 0.012, 0.018, 0.027, 0.04)  # of polygons with more corners
-_FILLED = 0.85  # share of its hull that a quadrilateral's area must have
+_FILLED = 0.85  # share of its hull that a quadrilateral's area must have,
+_ROUND_PX, _ROUND_AREA = 0.3, 100.0  # less this width all around, if it is not more than that: blur rounds corners
 _SOLID = (0.4, 0.97)  # share of its hull that the area of a polygon with notches has
 _RAGGED = 1.6  # a longer outline than this many times its hull's is texture
 _LARGE_PX = 500_000  # pictures with more pixels are halved where detail does not matter
 _REDNESS_LEVELS = 6
+_RARE_STEP = 20.0  # grey levels between the rare extremes of a picture and all the rest that get a threshold
 _BLOCKS = (31, 101)  # neighbourhoods that a pixel is compared with, full size
 _OFFSETS = (-5.0, 5.0)  # grey levels by which it must differ from them
 
@@ -75,9 +77,15 @@ def masks(plane: Image, levels: int, least_step: float = 4.0) -> Iterator[Image]
     """
     import cv2
 
-    low, high = (float(v) for v in np.percentile(plane[::4, ::4], [1, 99]))
+    darkest, low, high, brightest = (float(v) for v in np.percentile(plane[::4, ::4], [0.05, 1, 99, 99.95]))
     count = min(levels, int((high - low) / least_step))
-    for level in np.linspace(low, high, count + 2)[1:-1]:
+    thresholds = list(np.linspace(low, high, count + 2)[1:-1])
+    # A part or two may fill less than a hundredth of the picture.
+    if low - darkest > _RARE_STEP:
+        thresholds.append((darkest + low) / 2)
+    if brightest - high > _RARE_STEP:
+        thresholds.append((brightest + high) / 2)
+    for level in thresholds:
         yield _bytes(cv2.threshold(plane, float(level), 255, cv2.THRESH_BINARY)[1])
 
 
@@ -152,7 +160,7 @@ def _quadrilateral(hull: IntArray, hull_area: float) -> FloatArray | None:
         polygon = cv2.approxPolyDP(hull, slack * length, True)
         if len(polygon) <= 4:
             break
-    if len(polygon) != 4 or cv2.contourArea(polygon) < _FILLED * hull_area:
+    if len(polygon) != 4 or cv2.contourArea(polygon) < _FILLED * hull_area - min(_ROUND_PX * length, _ROUND_AREA):
         return None
     return _clockwise(np.asarray(polygon, dtype=np.int32))
 
