@@ -75,6 +75,12 @@ def false_ones(detected: list[DetectedPart], truths: list[FloatArray]) -> int:
     return sum(not one for one in near)
 
 
+def rank(detected: list[DetectedPart], corners: FloatArray) -> int:
+    """How many detections come before the first one that is this part; a million if none is."""
+    right = (np.linalg.norm(part.corners_px - corners, axis=1).max() < FOUND_PX for part in detected)
+    return next((place for place, good in enumerate(right) if good), 1_000_000)
+
+
 def timed(detector: Detector, image: Image) -> tuple[list[DetectedPart], float]:
     start = time.perf_counter()
     found = list(detector.detect(image))
@@ -127,6 +133,7 @@ def bench_castle(data: Path, every: int) -> None:
     tallies: dict[tuple[str, str], Tally] = defaultdict(Tally)
     times, false = [], defaultdict(list)
     hits: dict[str, list[int]] = defaultdict(list)
+    ranked: dict[str, list[int]] = defaultdict(list)
     for line in (data / "castle" / "truth.jsonl").read_text().splitlines()[::every]:
         truth = json.loads(line)
         zoom = "wide" if truth["zoom"] < 0.5 else "tele"
@@ -137,16 +144,17 @@ def bench_castle(data: Path, every: int) -> None:
         before = len(tallies[zoom, "all"].worst_px)
         for part in truth["parts"]:
             if part["edges_confirmed"] == 4 and part["fully_in_frame"] and part["state"] != "near_vehicle":
-                tally(found, np.array(part["corners_px"]), "DW4", tallies[zoom, part["cls"]], tallies[zoom, "all"])
+                corners = np.array(part["corners_px"])
+                tally(found, corners, "DW4", tallies[zoom, part["cls"]], tallies[zoom, "all"])
+                ranked[zoom].append(rank(found, corners))
         hits[zoom].append(len(tallies[zoom, "all"].worst_px) - before)
     print(f"\ncastle: {len(times)} pictures, {np.median(times):.0f} ms median")
     for zoom in ("wide", "tele"):
-        print(
-            f"{zoom}: one part or more found in {np.mean(np.array(hits[zoom]) >= 1):.2f} of the pictures, three or more"
-        )
-        print(
-            f"in {np.mean(np.array(hits[zoom]) >= 3):.2f}; false quadrilaterals per picture {np.mean(false[zoom]):.0f}"
-        )
+        one, three = (np.mean(np.array(hits[zoom]) >= least) for least in (1, 3))
+        print(f"{zoom}: pictures with a part found {one:.2f}, with three {three:.2f};", end=" ")
+        print(f"false quadrilaterals per picture {np.mean(false[zoom]):.0f}")
+        ranks = np.array(ranked[zoom])
+        print("found among the first", ", ".join(f"{n}: {np.mean(ranks < n):.2f}" for n in (20, 40, 60, 100, 200)))
         print(HEADER)
         for (at, look), counts in sorted(tallies.items()):
             if at == zoom:

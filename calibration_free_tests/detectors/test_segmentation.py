@@ -65,6 +65,13 @@ def test_each_class_is_found_seen_obliquely_and_named(name: str) -> None:
     assert sum(part.class_scores.values()) <= 1.0 + 1e-9
 
 
+def test_a_bright_outline_of_many_corners_is_found_too() -> None:
+    corners = oblique(outline_of("DW8T"))
+    part, error = nearest(list(make_detector(CLASSES).detect(picture((corners, BRIGHT)))), corners)
+    assert error < 0.5
+    assert part.part_class == "DW8T"
+
+
 def test_corners_start_where_the_class_starts() -> None:
     for name in ("DW6L", "DW6R", "DW12", "DW4"):
         corners = oblique(outline_of(name))
