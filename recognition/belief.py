@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from recognition.geometry import rotation_y
-from recognition.hypotheses import Hypotheses, join
+from recognition.hypotheses import Hypotheses, join, no_matches
 from recognition.proposals import propose
 from recognition.seen import Seen
 from recognition.settings import Effort
@@ -27,6 +27,7 @@ NONE_PRIOR = 0.05
 """Prior probability that the object is not in the model base."""
 _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
 _RIVALS = 120
+_PER_MATCH = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,8 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         carried = add_view(before, views)
         if views[last].count:
             carried = look_in(world, carried, views, last, modes=effort.modes)
-        carried = thin(rescore(world, carried, views, [last]), views[last], effort.tracked)
+        carried = _refine_ahead(world, carried, views, effort.refined)
+        carried = thin(carried, views[last], effort.tracked)
         ahead = np.arange(min(effort.fresh // 2, len(carried)))
         rest = np.arange(len(ahead), len(carried))
         carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
@@ -90,6 +92,15 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
     fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
     everything = fresh if carried is None else join(carried, fresh)
     return thin(everything, views[last], effort.tracked)
+
+
+def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most: int) -> Hypotheses:
+    """Refine and score those that match most of the new view; the others keep their fit, and are scored as they are."""
+    last = len(views) - 1
+    matched = (hypotheses.matches[last].part >= 0).sum(axis=1)
+    order = np.argsort(-(hypotheses.log_weight + _PER_MATCH * matched), kind="stable")
+    ahead = rescore(world, hypotheses.take(order[:most]), views, [last])
+    return join(ahead, score_view(world, hypotheses.take(order[most:]), views, last))
 
 
 def _explains(world: World, hypotheses: Hypotheses, view: int) -> bool:
@@ -145,12 +156,21 @@ def rivals(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) ->
         [turned[:, None], at - np.einsum("hij,hj->hi", rotation_y(turned), layout.centre_mm[part])], axis=1
     )
     moved = hypotheses.take(np.full(len(part), row))
-    moved = replace(moved, object_of=layout.object_of[part], placement=placement)
+    moved = replace(
+        moved,
+        object_of=layout.object_of[part],
+        placement=placement,
+        matches=tuple(no_matches(len(part), view) for view in views),
+    )
     # The view with most matches sorts out most; the rest are tried on all views.
     richest = int(np.argmax([(m.part[row] >= 0).sum() for m in hypotheses.matches]))
-    moved = score_view(world, match_view(world, moved, views, richest, loose=0.08), views, richest)
+    moved = match_view(world, moved, views, richest, loose=0.2)
+    known = moved.internals
+    moved = rescore(world, moved, views, [richest])
+    # Refinement by one view forgets what the others told of other zoom settings.
+    moved = replace(moved, internals=np.where(moved.internals[:, :, :1] > 0, moved.internals, known))
     ahead = np.argsort(-moved.odds[:, richest], kind="stable")[:_RIVALS]
-    return settle(world, moved.take(ahead), views)
+    return settle(world, settle(world, moved.take(ahead), views), views)
 
 
 def _central_part(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) -> int | None:

@@ -145,6 +145,14 @@ def _plausible(internals: FloatArray, image_size: tuple[int, int]) -> BoolArray:
     return np.asarray((fx > 0) & (fy > 0) & near & square)
 
 
+def _seen_groups(hypotheses: Hypotheses, groups: IntArray, count: int) -> BoolArray:
+    """``(H, G)`` whether any view of a group has matches."""
+    seen = np.zeros((len(hypotheses), count), dtype=bool)
+    for group, found in zip(groups, hypotheses.matches, strict=True):
+        seen[:, group] |= (found.part >= 0).any(axis=1)
+    return seen
+
+
 _PRINCIPAL_REACH, _ASPECT_REACH = 0.5, 0.15
 
 
@@ -213,7 +221,8 @@ def refine(
     internals = np.where(usable[:, None, None], 0.0, hypotheses.internals)
     width = fit.internals.shape[1]
     internals[:, :width] = np.where(usable[:, None, None], fit.internals, internals[:, :width])
-    internals[~_plausible(internals, views[0].image_size)] = 0.0
+    # With priors alone the fit invents internals for a group without matches; they are not known.
+    internals[~_plausible(internals, views[0].image_size) | ~_seen_groups(hypotheses, groups, internals.shape[1])] = 0.0
     total = np.concatenate(weights, axis=1)
     square = (fit.residuals**2).sum(axis=2) * total**2
     corner_cost = TAIL_SD**2 * np.log1p(square / TAIL_SD**2)

@@ -26,7 +26,7 @@ from rig.hal import Frame, Rig, RigPose
 
 FloatArray = npt.NDArray[np.float64]
 
-_ABOUT_TO_WIN = 0.9
+_ABOUT_TO_WIN, _AHEAD = 0.9, 0.5
 
 
 def recognise(
@@ -92,6 +92,7 @@ class _State:
     rng: np.random.Generator
     views: list[Seen]
     path: list[RigPose]
+    visited: list[RigPose]
     groups: dict[float, int]
     hypotheses: Hypotheses | None
     belief: Belief
@@ -99,12 +100,13 @@ class _State:
     @staticmethod
     def begin(rig: Rig, world: World, settings: RecogniserSettings) -> _State:
         rng = np.random.default_rng(settings.seed)
-        return _State(rig, world, settings, rng, [], [], {}, None, Belief.empty())
+        return _State(rig, world, settings, rng, [], [], [], {}, None, Belief.empty())
 
     def absorb(self, frame: Frame, parts: Sequence[DetectedPart]) -> None:
         """Update the belief with one view."""
         self.views.append(self._seen(frame, parts))
         self.path.append(frame.rig_pose)
+        self.visited.append(frame.commanded)
         hypotheses = update(self.world, self.hypotheses, self.views, self.settings.effort)
         self._believe(self._look_again(hypotheses))
         self._try_rivals()
@@ -127,7 +129,7 @@ class _State:
         if len(belief.hypotheses) == 0 or len(self.views) < 2:
             return
         group = leading_group(self.world, belief, self.views)
-        if belief.probability[group].sum() < _ABOUT_TO_WIN:
+        if belief.probability[group].sum() < (_ABOUT_TO_WIN if len(self.views) < 4 else _AHEAD):
             return
         challengers = rivals(self.world, belief.hypotheses, self.views, 0)
         if len(challengers) == 0:
@@ -177,7 +179,7 @@ class _State:
         if len(self.views) >= self.settings.max_views:
             return None
         here = self.path[-1]
-        candidates = [p for p in self.rig.reachable(here) if not any(_same(p, old) for old in self.path)]
+        candidates = [p for p in self.rig.reachable(here) if not any(_same(p, old) for old in self.visited)]
         if len(candidates) > self.settings.effort.candidates:
             candidates = self._nearest_candidates(candidates, here)
         situation = Situation(

@@ -53,6 +53,7 @@ class Effort:
         fresh: starts of a later view that are tried on all earlier views.
         always_fresh: propose places from a later view even if the hypotheses carried on explain it well.
         tracked: hypotheses kept.
+        refined: tracked hypotheses whose placement is refined with a new view, those first that match most of it.
         modes: image shifts tried for each tracked hypothesis in a new view.
         second_looks: leading hypotheses whose missed parts are looked for again along their outlines; 0: none.
         candidates: next views compared.
@@ -66,6 +67,7 @@ class Effort:
     fresh: int = 100
     always_fresh: bool = False
     tracked: int = 2500
+    refined: int = 600
     modes: int = 1
     second_looks: int = 0
     candidates: int = 60
