@@ -1,4 +1,4 @@
-"""Policies: how the next view is chosen. Found through the entry-point group ``rig.policies``; all use one predictor."""
+"""Policies: how the next view is chosen. Entry-point group ``rig.policies``; all use one predictor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The default policy: most information per second, about the place first and about the pose once the place is settled."""
+"""The default policy: most information per second, about the place first, then about the pose."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy.typing as npt
 from recognition.policies import Situation
 from recognition.predict import Prediction, distances, information_bits
 from recognition.steps import Move
+from rig.hal import RigPose
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -64,10 +65,10 @@ def _explore(situation: Situation) -> Move:
     )
 
 
-def _apart(a: object, b: object) -> float:
+def _apart(a: RigPose, b: RigPose) -> float:
     """How different two views are: degrees of pan, plus zoom; position is left to the cost."""
-    turn = abs((getattr(a, "theta_deg") - getattr(b, "theta_deg") + 180.0) % 360.0 - 180.0)
-    return float(turn + 20.0 * abs(getattr(a, "zoom") - getattr(b, "zoom")) + 1.0)
+    turn = abs((a.theta_deg - b.theta_deg + 180.0) % 360.0 - 180.0)
+    return float(turn + 20.0 * abs(a.zoom - b.zoom) + 1.0)
 
 
 def _why(situation: Situation, prediction: Prediction, pick: int, place: FloatArray, pose: FloatArray) -> str:
