@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from recognition.geometry import Mount
+from recognition.rates import DetectionRates
 from recognition.settings import BenchBounds
 from rig.errors import InputError
 from rig.hal import AxisLimits, RigLimits
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 Real = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
+Share = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Angle = Annotated[float, Field(gt=0, lt=180, allow_inf_nan=False)]
 
 LINEAR_AXES = ("x_mm", "y_mm", "z_mm")
@@ -128,6 +130,23 @@ class Spread(_Strict):
     sd_deg: NotNegative = 0.0
 
 
+class DetectionEntry(_Strict):
+    """How the detector behaves on this bench; what is left out is as on clean pictures (`DetectionRates`)."""
+
+    found: Annotated[Share, Field(description="Share of the visible parts that are found.")] = DetectionRates().found
+    clutter: Annotated[Positive, Field(description="False detections in a view.")] = DetectionRates().clutter
+    corner_sd_px: Annotated[Positive, Field(description="Standard deviation of a corner coordinate.")] = (
+        DetectionRates().corner_sd_px
+    )
+
+
+class Goal(_Strict):
+    """How sure the pose must be before a run ends, as standard deviations; what is left out is not asked."""
+
+    pose_sd_mm: Positive | None = None
+    pose_sd_deg: Positive | None = None
+
+
 class Timing(_Strict):
     """What each view costs besides the travel."""
 
@@ -148,6 +167,8 @@ class BenchFile(_Strict):
     object: ObjectEntry = ObjectEntry()
     motion: Annotated[Spread, Field(description="How far poses read back may be trusted.")] = Spread()
     repeatability: Annotated[Spread, Field(description="Noise that the mock rig adds to poses read back.")] = Spread()
+    detection: DetectionEntry = DetectionEntry()
+    goal: Annotated[Goal, Field(description="Options of the command line override it.")] = Goal()
     timing: Timing = Timing()
 
 
@@ -170,6 +191,17 @@ class BenchConfig:
         """How the camera hangs on the rig."""
         arm = self.file.mount
         return Mount(arm.x_mm, arm.y_mm, arm.z_mm)
+
+    @property
+    def rates(self) -> DetectionRates:
+        """How the detector behaves on this bench."""
+        told = self.file.detection
+        return DetectionRates(told.found, told.clutter, told.corner_sd_px)
+
+    @property
+    def goal(self) -> Goal:
+        """How sure the pose must be where the user asks for nothing else."""
+        return self.file.goal
 
     def bounds(self) -> BenchBounds:
         """What the recogniser may know of distances, the lens and the gantry; what the file leaves out is wide."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from recognition.modelbase import ModelBase
     from recognition.settings import RecogniserSettings
     from recognition.steps import Answer
+    from rig.bench import BenchConfig
     from rig.hal import Rig, RigPose
     from sim_backends.image_grid_rig import ImageGridRig
 
@@ -90,7 +91,7 @@ def demo(
         bench = default_bench_for_grid(what.grid)
         with open_rig(bench) as rig:
             rig.move_to(rig.nearest(what.start))
-            settings = replace(settings, bounds=bench.bounds(), mount=bench.mount)
+            settings = on_bench(settings, bench)
             code, answer = _run(rig, what.models, settings, out, as_json, bench=f"rendered {MODELS}", label="demo")
             print(what.verdict(answer, rig.pose), file=stream)
     raise typer.Exit(code)
@@ -127,10 +128,16 @@ def recognise(
     ] = None,
     max_views: Annotated[int, typer.Option("--max-views", metavar="N", help="Stop after so many views.")] = 12,
     pose_sd_mm: Annotated[
-        float | None, typer.Option("--pose-sd-mm", metavar="MM", help="Go on until the position is this sure.")
+        float | None,
+        typer.Option(
+            "--pose-sd-mm", metavar="MM", help="Go on until the position is this sure. [default: the bench's goal]"
+        ),
     ] = None,
     pose_sd_deg: Annotated[
-        float | None, typer.Option("--pose-sd-deg", metavar="DEG", help="Go on until the pan is this sure.")
+        float | None,
+        typer.Option(
+            "--pose-sd-deg", metavar="DEG", help="Go on until the pan is this sure. [default: the bench's goal]"
+        ),
     ] = None,
     seed: Seed = 0,
     detector: Annotated[
@@ -180,7 +187,7 @@ def recognise(
     with open_rig(config, grid, allow_partial=allow_partial, rng=rng, notice=notice) as rig:
         if start is not None:
             rig.move_to(start_pose(start, rig))
-        settings = replace(settings, bounds=config.bounds(), mount=config.mount)
+        settings = on_bench(settings, config)
         code, _ = _run(rig, base, settings, out, as_json, bench=config.name, label=base.name)
     raise typer.Exit(code)
 
@@ -237,6 +244,21 @@ def _settings(
         policy=chosen("--policy", policy or ("paper" if paper else "information"), "rig.policies"),
         threshold=threshold if threshold is not None else 1.0 if paper else 0.99,
         **others,
+    )
+
+
+def on_bench(settings: RecogniserSettings, bench: BenchConfig) -> RecogniserSettings:
+    """The settings with all that the bench says; a goal that the user asked for goes before the bench's."""
+    from recognition.settings import Effort
+
+    return replace(
+        settings,
+        bounds=bench.bounds(),
+        mount=bench.mount,
+        rates=bench.rates,
+        effort=Effort.for_clutter(bench.rates.clutter),
+        pose_sd_mm=bench.goal.pose_sd_mm if settings.pose_sd_mm is None else settings.pose_sd_mm,
+        pose_sd_deg=bench.goal.pose_sd_deg if settings.pose_sd_deg is None else settings.pose_sd_deg,
     )
 
 
