@@ -1,4 +1,4 @@
-"""The belief over configurations: hypotheses weighed by all views, "none of these" beside them, nothing killed for good.
+"""The belief over configurations: hypotheses weighed by all views, "none of these" beside them; nothing is killed.
 
 Hypotheses that fall behind are forgotten only as particles: each new view proposes places afresh and tries them on all
 earlier views, so a place that was missed or dropped comes back when it explains what is seen.

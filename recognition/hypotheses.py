@@ -27,7 +27,7 @@ TAIL_SD = 3.0
 
 @dataclass(frozen=True, slots=True)
 class ViewMatches:
-    """Matches of one view: part ``(H, M)`` (-1 padded), corners ``(H, M, C, 2)`` px and their weight ``(H, M)`` 1/px."""
+    """Matches of one view: part ``(H, M)`` (-1 padded), corners ``(H, M, C, 2)`` px, weight ``(H, M)`` 1/px."""
 
     part: IntArray
     corners_px: FloatArray = field(repr=False)
@@ -177,7 +177,7 @@ def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> 
 
 
 def forget_contradicted(hypotheses: Hypotheses) -> Hypotheses:
-    """Take back the matches of views that speak against their hypothesis: they are likely wrong, and would bend its fit."""
+    """Take back the matches of views that speak against their hypothesis: likely wrong, they would bend its fit."""
     matches = []
     for k, found in enumerate(hypotheses.matches):
         bad = hypotheses.odds[:, k] < 0

@@ -6,6 +6,7 @@ Shape legend: P parts of all objects together, C corners (padded by repeating th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -58,7 +59,7 @@ class Layout:
     @property
     def extent_mm(self) -> FloatArray:
         """``(O,)`` the largest horizontal or vertical extent of each object's parts."""
-        spans = [np.ptp(self.centre_mm[a:b], axis=0).max(initial=0.0) for a, b in zip(self.first, self.first[1:])]
+        spans = [np.ptp(self.centre_mm[a:b], axis=0).max(initial=0.0) for a, b in pairwise(self.first)]
         return np.asarray(spans)
 
 

@@ -126,7 +126,7 @@ def _row(pose: RigPose, mount: Mount) -> FloatArray:
 
 
 def _picture(which: IntArray, middle: FloatArray, look: IntArray, m: int, size: tuple[int, int]) -> FloatArray:
-    """Feature matrix ``(m + 1, F)``: bilinear in the cells, so that parts a cell apart overlap by half; last row empty."""
+    """Feature matrix ``(m + 1, F)``: bilinear in the cells, parts a cell apart do not overlap; last row empty."""
     cell = size[0] / CELLS_ACROSS
     place = middle / cell
     low = np.floor(place).astype(np.int64)

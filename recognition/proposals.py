@@ -9,6 +9,7 @@ Shape legend: D detections, S shapes, A pairs (detection, shape), B pairs (detec
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +34,7 @@ _HIT, _MISS = 3.0, -0.7
 class Surroundings:
     """Neighbours of each part on its own wall.
 
-    ``index`` ``(P, N)``, -1 padded, nearest first; ``middle_mm`` and ``size_mm`` ``(P, N, 2)`` in the part's wall frame.
+    ``index`` ``(P, N)``, -1 padded, nearest first; ``middle_mm``, ``size_mm`` ``(P, N, 2)`` in the part's wall frame.
     """
 
     index: IntArray = field(repr=False)
@@ -46,7 +47,7 @@ def surroundings(layout: Layout) -> Surroundings:
     total = len(layout.part_ids)
     index = np.full((total, NEIGHBOURS), -1)
     middle, size = np.zeros((total, NEIGHBOURS, 2)), np.ones((total, NEIGHBOURS, 2))
-    for start, end in zip(layout.first, layout.first[1:]):
+    for start, end in pairwise(layout.first):
         centre, normal = layout.centre_mm[start:end], layout.normal[start:end]
         gap = centre[None] - centre[:, None]
         distance = np.linalg.norm(gap, axis=-1)
@@ -139,7 +140,7 @@ def _pairs(
     detection = chosen[which]
     fit = fit_wall(layout.local_mm[example[shape]], seen.corners_px[detection], seen.sigma_px[detection])
     a, _, c, _, e, _ = np.moveaxis(fit.numbers, -1, 0)
-    width, height = seen.image_size
+    width = seen.image_size[0]
     cosine = (a - (width - 1) / 2.0 * c) / np.where(np.abs(e) > 1e-12, e, 1e-12)
     slack = ASPECT_TOLERANCE + 2.0 * seen.sigma_px[detection] / seen.size_px[detection].min(axis=1)
     f_low, f_high = focal_range(bounds, width)

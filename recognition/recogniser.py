@@ -200,7 +200,7 @@ class _State:
         return policy.choose(situation)
 
     def _nearest_candidates(self, candidates: list[RigPose], here: RigPose) -> list[RigPose]:
-        """Half the allowance are the nearest in time, half are drawn from the rest: near moves are the likely choice."""
+        """Half the allowance are the nearest in time, half are drawn from the rest: near moves are likely."""
         cost = np.array([self.rig.travel_s(here, p) for p in candidates])
         order = np.argsort(cost, kind="stable")
         half = self.settings.effort.candidates // 2

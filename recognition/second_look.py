@@ -1,4 +1,4 @@
-"""Looking again where a hypothesis says: edges along the outlines of parts that it expects and the detector did not find.
+"""Looking again where a hypothesis says: edges along the outlines of expected parts that the detector did not find.
 
 A missed detection is weak evidence; an outline without edges is strong evidence against, and one with edges on all
 sides gives corners that sharpen the pose. Only hypotheses that predict to a few pixels can be looked up so.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +72,7 @@ def leading_group(world: World, belief: Belief, views: list[Seen]) -> npt.NDArra
 
 
 def _distance_to_parts(world: World, belief: Belief, views: list[Seen]) -> float:
-    """Median distance, mm, from the camera to the parts matched in the latest view that has some (leading hypothesis)."""
+    """Median distance, mm, from the camera to the parts that the leading hypothesis matched last."""
     hypotheses = belief.hypotheses
     for k in range(len(views) - 1, -1, -1):
         part = hypotheses.matches[k].part[0]
@@ -167,9 +168,13 @@ def _leader(world: World, belief: Belief, views: list[Seen], row: int, place: in
     seen = views[-1]
     internals = expected_internals(world, hypotheses, views, len(views) - 1)
     pairs = expected_parts(world, hypotheses, views, len(views) - 1, internals)
-    taken = {int(p): c for p, c in zip(hypotheses.matches[-1].part[0], hypotheses.matches[-1].corners_px[0]) if p >= 0}
+    taken = {
+        int(p): c
+        for p, c in zip(hypotheses.matches[-1].part[0], hypotheses.matches[-1].corners_px[0], strict=True)
+        if p >= 0
+    }
     matches = []
-    for part, corners in zip(pairs.part, pairs.corners_px):
+    for part, corners in zip(pairs.part, pairs.corners_px, strict=True):
         count = int(world.layout.corner_count[part])
         detection = _detection_of(taken.get(int(part)), seen)
         matches.append(PartMatch(world.layout.part_ids[part], corners[:count], detection))
@@ -195,10 +200,8 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
     objects = world.layout.base.objects
     posterior = {thing.id: float(p) for thing, p in zip(objects, belief.by_object(len(objects)), strict=True)}
     posterior["unknown"] = belief.none
-    travel = sum(
-        float(np.linalg.norm([b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm])) for a, b in zip(path, path[1:])
-    )
-    turned = sum(abs(wrap_deg(b.theta_deg - a.theta_deg)) for a, b in zip(path, path[1:]))
+    travel = sum(float(np.linalg.norm([b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm])) for a, b in pairwise(path))
+    turned = sum(abs(wrap_deg(b.theta_deg - a.theta_deg)) for a, b in pairwise(path))
     recognised = verdict.outcome is Outcome.RECOGNISED
     pose: CameraPose | None = None
     sd: dict[str, float] = {}

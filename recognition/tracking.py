@@ -72,8 +72,7 @@ def start(world: World, proposals: Proposals, views: list[Seen], view: int) -> H
         tuple(empty),
     )
     fresh = match_view(world, fresh, views, view, loose=0.2)
-    fresh = refine(world.layout, fresh, views, world.priors(views[view].image_size))
-    return fresh
+    return refine(world.layout, fresh, views, world.priors(views[view].image_size))
 
 
 def add_view(hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:

@@ -22,7 +22,7 @@ LEAST_COSINE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Walls:
-    """The faces of one object as parallelograms: ``origin``, ``right``, ``down`` ``(F, 3)``, outward ``normal`` ``(F, 3)``."""
+    """The faces of one object as parallelograms: origin, right, down and outward normal, each ``(F, 3)``."""
 
     origin: FloatArray
     right: FloatArray
@@ -44,7 +44,7 @@ def walls_of(layout: Layout) -> list[Walls]:
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Parts in view: hypothesis and part index ``(n,)``, corners ``(n, C, 2)`` px, how squarely they are seen ``(n,)``."""
+    """Parts in view: hypothesis and part index ``(n,)``, corners ``(n, C, 2)`` px, cosine of incidence ``(n,)``."""
 
     hypothesis: IntArray
     part: IntArray
@@ -174,7 +174,7 @@ def _in_sight(
 
 
 def bounding_box(polygons: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest u, v ``(n, 2)`` of polygons ``(n, C, 2)``; corner by corner, for reducing short axes is slow."""
+    """Least and greatest u, v ``(n, 2)`` of polygons ``(n, C, 2)``; corner by corner: reducing short axes is slow."""
     low, high = polygons[:, 0].copy(), polygons[:, 0].copy()
     for k in range(1, polygons.shape[1]):
         np.minimum(low, polygons[:, k], out=low)
@@ -198,7 +198,7 @@ def _hidden(walls: Walls, points: FloatArray, eyes: FloatArray) -> BoolArray:
     """Whether a wall that faces the eye stands between the eye and the point, both ``(n, 3)``."""
     hidden = np.zeros(len(points), dtype=bool)
     ray = points - eyes
-    for origin, right, down, normal in zip(walls.origin, walls.right, walls.down, walls.normal):
+    for origin, right, down, normal in zip(walls.origin, walls.right, walls.down, walls.normal, strict=True):
         slope = ray @ normal
         with np.errstate(divide="ignore", invalid="ignore"):
             t = ((origin - eyes) @ normal) / slope

@@ -61,7 +61,7 @@ def fit_wall(local_mm: FloatArray, pixels: FloatArray, sigma_px: FloatArray) -> 
 
 
 def wall_to_image(numbers: FloatArray, local_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pixels ``(..., 2)`` and relative depth ``(...,)`` of wall points ``(..., 2)``; numbers broadcast, ``(..., 6)``."""
+    """Pixels ``(..., 2)`` and relative depth ``(...,)`` of wall points ``(..., 2)``; numbers ``(..., 6)``."""
     a, b, c, d, e, g = np.moveaxis(numbers, -1, 0)
     s, y = local_mm[..., 0], local_mm[..., 1]
     depth = c * s + 1.0
