@@ -203,6 +203,8 @@ def refine(
         weight = found.weight[:, :used, None] * real[part]
         weights.append(weight.reshape(len(hypotheses), -1))
         index.append(np.full((len(hypotheses), used * corners), k))
+    if not sum(p.shape[1] for p in points):
+        return replace(hypotheses, internals=np.zeros_like(hypotheses.internals))
     groups = np.array([v.group for v in views])
     fit = refine_batch(
         hypotheses.placement,

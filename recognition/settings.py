@@ -60,7 +60,7 @@ class Effort:
         sampled: hypotheses that the planner compares.
     """
 
-    anchors: int = 8
+    anchors: int = 6
     per_part: int = 1
     focals: int = 2
     proposals: int = 2500
