@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from recognition.geometry import CameraPose, Pose4, camera_in_rig, project
+from recognition.belief import Belief, update, weigh
+from recognition.geometry import CameraPose, Pose4, camera_in_object, camera_in_rig, project
+from recognition.hypotheses import Hypotheses
 from recognition.modelbase import Face, ModelBase, ObjectModel, Part, PartClass
 from recognition.parts import DetectedPart
 from recognition.rates import DetectionRates
 from recognition.recogniser import recognise
 from recognition.seen import Seen, see
-from recognition.settings import BenchBounds, RecogniserSettings
+from recognition.settings import BenchBounds, Effort, RecogniserSettings
 from recognition.steps import Answer, Step
 from recognition.tracking import World, make_world
 from rig.hal import AxisLimits, Frame, Image, RigLimits, RigPose, travel_seconds
@@ -295,3 +297,28 @@ def off(answer: Answer, rig: SyntheticRig) -> tuple[float, float]:
 def with_views(settings: RecogniserSettings, **changes: Any) -> RecogniserSettings:
     """The settings with some of them changed."""
     return replace(settings, **changes)
+
+
+def believed(world: World, views: list[Seen], effort: Effort | None = None) -> tuple[Hypotheses, Belief]:
+    """Hypotheses and belief after some views, one update each."""
+    hypotheses: Hypotheses | None = None
+    for k in range(1, len(views) + 1):
+        hypotheses = update(world, hypotheses, views[:k], effort or Effort())
+    assert hypotheses is not None
+    return hypotheses, weigh(world, hypotheses)
+
+
+def camera_of(hypotheses: Hypotheses, row: int, seen: Seen) -> CameraPose:
+    """Where the camera of a view is in the object frame under a hypothesis."""
+    placement = hypotheses.placement[row]
+    return camera_in_object(seen.camera, Pose4.of(float(np.degrees(placement[0])), placement[1:]))
+
+
+def true_rows(hypotheses: Hypotheses, seen: Seen, thing: int, camera: CameraPose, within_mm: float) -> list[int]:
+    """Hypotheses of the right object that have the camera within a distance of the truth, in their order."""
+    return [
+        row
+        for row in range(len(hypotheses))
+        if hypotheses.object_of[row] == thing
+        and np.linalg.norm(camera_of(hypotheses, row, seen).centre_mm - camera.centre_mm) < within_mm
+    ]

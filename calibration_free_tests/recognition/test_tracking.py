@@ -1,0 +1,204 @@
+"""Hypotheses are carried through views: found again at other zooms, and judged by what they should have seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration_free_tests.recognition.synthetic import (
+    BOUNDS,
+    INTERNALS,
+    OBJECT_IN_RIG,
+    SIZE,
+    Faults,
+    before_front,
+    believed,
+    camera_of,
+    in_rig,
+    pixels_of,
+    seen_from,
+    three_buildings,
+    true_rows,
+    visible,
+    world_of,
+)
+from recognition.belief import Belief
+from recognition.geometry import CameraPose
+from recognition.hypotheses import Hypotheses, no_matches
+from recognition.modelbase import ModelBase, ObjectModel
+from recognition.parts import DetectedPart
+from recognition.proposals import focal_range
+from recognition.rates import DetectionRates
+from recognition.seen import Seen, see
+from recognition.settings import Effort
+from recognition.tracking import (
+    World,
+    add_view,
+    expected_internals,
+    expected_parts,
+    guess_internals,
+    look_in,
+    score_view,
+    settle,
+)
+
+BASE = three_buildings()
+WORLD = world_of(BASE)
+FIRST, SECOND = before_front(300.0, turn_deg=15.0), before_front(480.0, 200.0, 360.0, turn_deg=-10.0)
+ASIDE = before_front(560.0, 200.0, 330.0)
+PLACEMENT = np.array([np.radians(OBJECT_IN_RIG.theta_deg), *OBJECT_IN_RIG.translation_mm])
+
+
+def at_truth(views: list[Seen], things: tuple[int, ...] = (0,)) -> Hypotheses:
+    """Hypotheses at the true placement, of these objects, that know the internals and have matched nothing."""
+    n = len(things)
+    groups = max(v.group for v in views) + 1
+    return Hypotheses(
+        np.array(things),
+        np.tile(PLACEMENT, (n, 1)),
+        np.zeros((n, 4, 4)),
+        np.tile(INTERNALS, (n, groups, 1)),
+        np.zeros(n),
+        np.zeros((n, len(views))),
+        tuple(no_matches(n, v) for v in views),
+    )
+
+
+def test_the_truth_expects_what_is_seen() -> None:
+    views = [seen_from(BASE, BASE.objects[0], FIRST)]
+    pairs = expected_parts(WORLD, at_truth(views), views, 0, INTERNALS[None])
+    expected = {WORLD.layout.part_ids[p] for p in pairs.part}
+    assert expected >= {part.id for part, _ in visible(BASE.objects[0], FIRST)}
+
+
+def test_the_true_object_explains_a_view_better_than_the_others() -> None:
+    views = [seen_from(BASE, BASE.objects[1], FIRST)]
+    found = score_view(WORLD, at_truth(views, (0, 1, 2)), views, 0)
+    assert found.odds[:, 0].argmax() == 1
+    assert found.odds[1, 0] > 0
+
+
+def test_an_empty_view_speaks_against_who_expects_parts_and_not_without_end() -> None:
+    views = [seen_from(BASE, None, FIRST)]
+    away = PLACEMENT + np.array([0.0, 0.0, 0.0, -5000.0])
+    hypotheses = at_truth(views, (0, 0))
+    hypotheses.placement[1] = away
+    odds = score_view(WORLD, hypotheses, views, 0).odds[:, 0]
+    assert odds[0] < -3.0
+    assert odds[1] == 0.0
+    assert odds[0] >= -WORLD.rates.view_cap
+
+
+@pytest.mark.parametrize(("scale", "zoom"), [(0.75, 0.2), (0.9, 0.5), (1.0, 0.5), (1.1, 0.5), (1.4, 0.9)])
+def test_a_place_is_found_again_through_internals_never_seen_before(scale: float, zoom: float) -> None:
+    """Focus and zoom both change the focal length; of the zoom it is only known that more of it is longer."""
+    lens = INTERNALS * [scale, scale, 1.0, 1.0] + [0.0, 0.0, 25.0, -18.0]
+    near = before_front(470.0, 200.0, 330.0 * scale)
+    views = [seen_from(BASE, BASE.objects[0], FIRST, group=0, zoom=0.5)]
+    before = settle(WORLD, at_truth(views), views)
+    views.append(seen_from(BASE, BASE.objects[0], near, group=1, zoom=zoom, internals=lens))
+    found = settle(WORLD, look_in(WORLD, add_view(before, views), views, 1), views)
+    truth = {part.id for part, _ in visible(BASE.objects[0], near, lens)}
+    matched = {WORLD.layout.part_ids[p] for p in found.matches[1].part[0] if p >= 0}
+    assert matched == truth
+    assert found.internals[0, 1, 0] == pytest.approx(lens[0], rel=0.03)
+    assert found.odds[0, 1] > 5.0
+
+
+def test_a_new_view_begins_without_evidence() -> None:
+    views = [seen_from(BASE, BASE.objects[0], FIRST, group=0)]
+    before = settle(WORLD, at_truth(views), views)
+    views.append(seen_from(BASE, BASE.objects[0], SECOND, group=1))
+    after = add_view(before, views)
+    assert after.odds.shape == (1, 2)
+    assert after.odds[0, 1] == 0.0
+    assert (after.matches[1].part == -1).all()
+    assert after.internals[0, 1].tolist() == [0.0] * 4
+    assert np.array_equal(after.internals[:, 0], before.internals[:, 0])
+
+
+def test_known_internals_of_a_zoom_setting_are_used_again() -> None:
+    views = [seen_from(BASE, BASE.objects[0], FIRST, group=0), seen_from(BASE, BASE.objects[0], SECOND, group=0)]
+    before = settle(WORLD, at_truth(views[:1]), views[:1])
+    both = add_view(before, views)
+    assert np.array_equal(expected_internals(WORLD, both, views, 1), before.internals[:, 0])
+
+
+def test_the_guess_at_another_zoom_is_longer_for_more_zoom_and_within_the_lens() -> None:
+    views = [seen_from(BASE, BASE.objects[0], FIRST, group=0, zoom=0.3)]
+    before = settle(WORLD, at_truth(views), views)
+    wide, same, tele = (guess_internals(WORLD, before, views, None, zoom)[0, 0] for zoom in (0.0, 0.3, 1.0))
+    low, high = focal_range(BOUNDS, SIZE[0])
+    assert wide < same < tele <= high
+    assert same == pytest.approx(before.internals[0, 0, 0])
+    assert wide > 0.5 * low
+
+
+def test_bounds_tell_the_lens_and_nothing_else_of_the_camera() -> None:
+    priors = WORLD.priors(SIZE)
+    assert priors.focal_range_px == pytest.approx(focal_range(BOUNDS, SIZE[0]))
+    assert priors.image_size == SIZE
+
+
+def paned_view(base: ModelBase, thing: ObjectModel, camera: CameraPose, group: int) -> Seen:
+    """Every window has 4 x 4 panes that repeat the facade's own proportions eight times smaller, and all are found."""
+    rng = np.random.default_rng(group)
+    parts = []
+    for part, px in visible(thing, camera):
+        parts.append(DetectedPart(px + rng.normal(0, 0.3, (4, 2)), {part.part_class: 0.95}, 0.3))
+        for row in range(4):
+            for column in range(4):
+                low = part.corners_mm[0] + [2.5 + 10.0 * column, 2.8 + 11.25 * row, 0]
+                flat = np.array([[0, 0, 0], [5, 0, 0], [5, 6.875, 0], [0, 6.875, 0]])
+                pane = pixels_of(low + flat, camera) + rng.normal(0, 0.2, (4, 2))
+                parts.append(DetectedPart(pane, {"DW4": 0.9}, 0.3))
+    order = rng.permutation(len(parts))
+    names = [c.name for c in base.classes]
+    return see([parts[i] for i in order], in_rig(camera), SIZE, group, 0.0, names, 4)
+
+
+def test_panes_that_look_like_a_farther_facade_lose_once_the_camera_has_moved() -> None:
+    world: World = world_of(BASE, DetectionRates(found=0.6, clutter=80.0, corner_sd_px=0.5))
+    effort = Effort.for_clutter(80.0)
+    cameras = [
+        before_front(300.0, turn_deg=12.0),
+        before_front(420.0, 150.0, turn_deg=-8.0),
+        before_front(300.0, 150.0),
+    ]
+    views = [paned_view(BASE, BASE.objects[1], c, k) for k, c in enumerate(cameras)]
+    _, one = believed(world, views[:1], effort)
+    right = true_rows(one.hypotheses, views[0], 1, cameras[0], within_mm=60.0)
+    rivals = far_away(world, one, views[:1])
+    counts = (one.hypotheses.matches[0].part >= 0).sum(axis=1)
+    assert counts[rivals].max() > counts[right].max(), "the panes win by number"
+    _, two = believed(world, views[:2], effort)
+    assert two.probability[far_away(world, two, views[:2])].sum() < 0.1
+    _, three = believed(world, views, effort)
+    assert three.probability[far_away(world, three, views)].sum() < 0.01
+    assert three.probability[true_rows(three.hypotheses, views[2], 1, cameras[2], within_mm=20.0)].sum() > 0.95
+
+
+def far_away(world: World, belief: Belief, views: list[Seen]) -> list[int]:
+    """Hypotheses that have the parts of the latest view in which they match some at more than three times the truth."""
+    rows = []
+    for row in range(len(belief.hypotheses)):
+        for k in range(len(views) - 1, -1, -1):
+            part = belief.hypotheses.matches[k].part[row]
+            if (part >= 0).any():
+                middle = world.layout.centre_mm[part[part >= 0]].mean(axis=0)
+                if np.linalg.norm(middle - camera_of(belief.hypotheses, row, views[k]).centre_mm) > 1000.0:
+                    rows.append(row)
+                break
+    return rows
+
+
+def test_two_views_name_object_and_place_among_misses_and_false_detections() -> None:
+    faults = Faults(noise_px=0.3, missed=0.1, false=2)
+    for thing in range(3):
+        views = [
+            seen_from(BASE, BASE.objects[thing], c, group=k, faults=faults, seed=k + 10 * thing)
+            for k, c in enumerate((FIRST, SECOND, ASIDE))
+        ]
+        _, belief = believed(WORLD, views)
+        right = true_rows(belief.hypotheses, views[-1], thing, ASIDE, within_mm=25.0)
+        assert belief.probability[right].sum() > 0.98
