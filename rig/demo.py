@@ -13,6 +13,7 @@ from recognition.geometry import wrap_deg
 from recognition.modelbase import ModelBase
 from recognition.modelbase_io import load_model_base
 from recognition.steps import Answer
+from rig.bench import BenchConfig, BenchFile
 from rig.hal import RigPose
 from sim_backends.internals_policy import ChangingInternals, FixedByZoom
 from sim_backends.rendered_rig import RenderedRig
@@ -23,6 +24,15 @@ JPEG_QUALITY = 93
 CANDIDATES = 80
 WRONG_PLACE_MM = 50.0
 """Neighbouring windows are farther apart than this."""
+
+_BENCH = {
+    "schema": 1,
+    "kind": "mock",
+    "camera": {"internals": "change_every_view", "view_angle_deg": (20.0, 60.0)},
+    "object": {"distance_mm": (60.0, 2000.0)},
+    "detection": {"found": 0.97, "clutter": 0.2, "corner_sd_px": 0.5},
+}
+"""What anyone at such a bench would know: the model is on a table, the lens is no fisheye, the pictures are clean."""
 
 Progress = Callable[[Sequence[RigPose]], Iterable[RigPose]]
 
@@ -46,6 +56,10 @@ class Demonstration:
     true_object: str
     in_view: Counter[str]
     rendered_by: RenderedRig
+
+    def bench(self) -> BenchConfig:
+        """The bench that the grid is put on."""
+        return BenchConfig(f"rendered {MODELS}", BenchFile.model_validate(_BENCH), self.grid)
 
     def verdict(self, answer: Answer, last: RigPose) -> str:
         """One sentence: what was really there, and how far off the answer is; ``last`` is the last view's rig pose."""

@@ -8,7 +8,8 @@ import pytest
 
 from calibration_free_tests.imagegrid.sample import lattice, write_grid
 from recognition.geometry import Mount
-from recognition.settings import BenchBounds
+from recognition.rates import DetectionRates
+from recognition.settings import BenchBounds, RecogniserSettings
 from rig.bench import default_bench_for_grid, load_bench, open_rig
 from rig.errors import ImageGridError, InputError
 from rig.hal import AxisLimits, RigPose
@@ -42,6 +43,18 @@ def test_the_castle_bench_says_what_was_told_and_no_more() -> None:
     assert config.file.camera.internals == "fixed_by_zoom"
     assert config.mount == Mount()
     assert config.grid is None
+    assert config.rates == DetectionRates(found=0.6, clutter=80.0, corner_sd_px=1.0)
+    assert config.goal.pose_sd_mm is not None
+    assert config.goal.pose_sd_deg is not None
+
+
+def test_what_a_bench_leaves_out_of_the_detector_stays_as_it_was(tmp_path: Path) -> None:
+    config = load_bench(bench(tmp_path, "detection: {clutter: 7}\ngoal: {pose_sd_deg: 0.3}\n"))
+    assert config.rates == DetectionRates(clutter=7.0)
+    assert (config.goal.pose_sd_mm, config.goal.pose_sd_deg) == (None, 0.3)
+    plain = load_bench(bench(tmp_path, ""))
+    assert plain.rates == DetectionRates() == RecogniserSettings().rates
+    assert (plain.goal.pose_sd_mm, plain.goal.pose_sd_deg) == (None, None)
 
 
 def test_the_example_with_every_key_has_every_key() -> None:
@@ -67,6 +80,14 @@ def test_the_example_with_every_key_has_every_key() -> None:
         ("camera: {internals: fixed}\n", ":3:21: camera.internals: should be 'fixed_by_zoom' or 'change_every_view'"),
         ("object: {distance_mm: [0, 5]}\n", ":3:24: object.distance_mm[0]: should be greater than 0"),
         ("motion: {sd_mm: -1}\n", ":3:17: motion.sd_mm: should be greater than or equal to 0"),
+        ("detection: {found: 1}\n", ":3:20: detection.found: should be less than 1"),
+        ("detection: {found: 0}\n", ":3:20: detection.found: should be greater than 0"),
+        ("detection: {clutter: 0}\n", ":3:22: detection.clutter: should be greater than 0"),
+        ("detection: {corner_sd_px: .inf}\n", ":3:27: .inf is not a finite number"),
+        ("detection: {noise: 1}\n", ":3:13: detection.noise: unknown key"),
+        ("goal: {pose_sd_mm: 0}\n", ":3:20: goal.pose_sd_mm: should be greater than 0"),
+        ("goal: {pose_sd_deg: .nan}\n", ":3:21: .nan is not a finite number"),
+        ("goal: {pose_sd: 3}\n", ":3:8: goal.pose_sd: unknown key. Did you mean 'pose_sd_mm'"),
         ("mount: {x_mm: 1, x_mm: 2}\n", ":3:18"),
         ("grid: 7\n", ":3:7: grid: should be text"),
     ],

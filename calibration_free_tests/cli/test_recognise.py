@@ -13,7 +13,7 @@ import pytest
 
 from calibration_free_tests.scripted_run import scripted_steps
 from recognition.modelbase_io import load_model_base
-from recognition.settings import RecogniserSettings
+from recognition.settings import Effort, RecogniserSettings
 from rig.cli import recognising
 from rig.cli.app import app
 from rig.hal import Rig
@@ -125,6 +125,27 @@ def test_bench_limits_and_bounds_reach_the_loop(
     assert asked["settings"].mount.z_mm == 12.5
     assert asked["settings"].bounds.distance_max_mm == 900.0
     assert json.loads(capsys.readouterr().out)["outcome"] == "recognised"
+
+
+def test_detector_and_goal_of_the_bench_reach_the_loop_unless_the_user_asks_otherwise(
+    grid: Path, asked: dict[str, Any], tmp_path: Path
+) -> None:
+    bench = tmp_path / "bench.yaml"
+    bench.write_text(
+        f"schema: 1\nkind: mock\ngrid: {grid}\n"
+        "detection: {found: 0.5, clutter: 90}\ngoal: {pose_sd_mm: 8, pose_sd_deg: 0.25}\n"
+    )
+    command = ["recognise", str(bench), "--models", "architecture", "--json"]
+    with pytest.raises(SystemExit):
+        app(command, prog_name="rig")
+    settings = asked["settings"]
+    assert (settings.rates.found, settings.rates.clutter) == (0.5, 90.0)
+    assert settings.effort == Effort.for_clutter(90.0) != Effort()
+    assert (settings.pose_sd_mm, settings.pose_sd_deg) == (8.0, 0.25)
+    with pytest.raises(SystemExit):
+        app([*command, "--pose-sd-mm", "3"], prog_name="rig")
+    settings = asked["settings"]
+    assert (settings.pose_sd_mm, settings.pose_sd_deg) == (3.0, 0.25)
 
 
 def test_run_is_kept_under_runs_unless_a_script_asks(rig: Callable[..., int], asked: dict[str, Any]) -> None:

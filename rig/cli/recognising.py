@@ -61,7 +61,7 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
-    seed: Seed = 9,
+    seed: Seed = 0,
     policy: Policy = None,
     grid: Annotated[
         Path | None, typer.Option("--grid", metavar="DIR", help="Keep the rendered image grid here, new or empty.")
@@ -77,7 +77,7 @@ def demo(
     import tempfile
     from contextlib import nullcontext
 
-    from rig.bench import default_bench_for_grid, open_rig
+    from rig.bench import open_rig
     from rig.cli.progress import shown
     from rig.demo import MODELS, prepare
 
@@ -88,11 +88,11 @@ def demo(
         what = prepare(Path(folder), seed, lambda poses: shown(poses, "rendering"))
         listed = ", ".join(f"{number} {name}" for name, number in what.in_view.items())
         print(f"the first view shows {listed}: it fits {what.places_that_fit} places", file=stream, flush=True)
-        bench = default_bench_for_grid(what.grid)
+        bench = what.bench()
         with open_rig(bench) as rig:
             rig.move_to(rig.nearest(what.start))
             settings = on_bench(settings, bench)
-            code, answer = _run(rig, what.models, settings, out, as_json, bench=f"rendered {MODELS}", label="demo")
+            code, answer = _run(rig, what.models, settings, out, as_json, bench=bench.name, label="demo")
             print(what.verdict(answer, rig.pose), file=stream)
     raise typer.Exit(code)
 
