@@ -26,7 +26,7 @@ IntArray = npt.NDArray[np.int64]
 NONE_PRIOR = 0.05
 """Prior probability that the object is not in the model base."""
 _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
-_RIVALS = 120
+_RIVALS, _REPAIRED = 120, 40
 _PER_MATCH = 3.0
 
 
@@ -88,19 +88,41 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         rest = np.arange(len(ahead), len(carried))
         carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
     if views[last].count == 0 or (carried is not None and not effort.always_fresh and _explains(world, carried, last)):
-        return carried if carried is not None else Hypotheses.empty(views)
+        return repair(world, carried, views) if carried is not None else Hypotheses.empty(views)
     fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
     everything = fresh if carried is None else join(carried, fresh)
-    return thin(everything, views[last], effort.tracked)
+    return repair(world, thin(everything, views[last], effort.tracked), views)
+
+
+def repair(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
+    """Give the leading hypotheses a second chance at the views that speak against them: found anew, and fitted again.
+
+    A view may have been matched when the fit was still poor, or its zoom setting told from a single part.
+    """
+    order = np.argsort(-hypotheses.log_weight, kind="stable")[:_REPAIRED]
+    mended = hypotheses.take(order)
+    mended = mended.take(np.flatnonzero((mended.odds < 0).any(axis=1)))
+    if len(mended) == 0 or len(views) < 2:
+        return hypotheses
+    for k, seen in enumerate(views):
+        against = np.flatnonzero(mended.odds[:, k] < 0)
+        if against.size and seen.count:
+            mended = mended.put(against, look_in(world, mended.take(against), views, k))
+    mended = rescore(world, rescore(world, mended, views, range(len(views))), views, range(len(views)))
+    return thin(join(hypotheses, mended), views[-1], len(hypotheses))
 
 
 def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most: int) -> Hypotheses:
-    """Refine and score those that match most of the new view; the others keep their fit, and are scored as they are."""
+    """Refine and score those that match most of the new view; each also stays as it was, without the new matches.
+
+    A wrong match can bend a fit until it expects nothing anywhere; so all views are scored again, and the unbent fit
+    competes.
+    """
     last = len(views) - 1
     matched = (hypotheses.matches[last].part >= 0).sum(axis=1)
     order = np.argsort(-(hypotheses.log_weight + _PER_MATCH * matched), kind="stable")
-    ahead = rescore(world, hypotheses.take(order[:most]), views, [last])
-    return join(ahead, score_view(world, hypotheses.take(order[most:]), views, last))
+    ahead = rescore(world, hypotheses.take(order[:most]), views, range(len(views)))
+    return join(ahead, score_view(world, hypotheses, views, last))
 
 
 def _explains(world: World, hypotheses: Hypotheses, view: int) -> bool:
@@ -162,15 +184,12 @@ def rivals(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) ->
         placement=placement,
         matches=tuple(no_matches(len(part), view) for view in views),
     )
-    # The view with most matches sorts out most; the rest are tried on all views.
-    richest = int(np.argmax([(m.part[row] >= 0).sum() for m in hypotheses.matches]))
-    moved = match_view(world, moved, views, richest, loose=0.2)
-    known = moved.internals
-    moved = rescore(world, moved, views, [richest])
-    # Refinement by one view forgets what the others told of other zoom settings.
-    moved = replace(moved, internals=np.where(moved.internals[:, :, :1] > 0, moved.internals, known))
-    ahead = np.argsort(-moved.odds[:, richest], kind="stable")[:_RIVALS]
-    return settle(world, settle(world, moved.take(ahead), views), views)
+    # The leader's fit is good, so its rivals' parts must stand nearly where it puts them.
+    for k in range(len(views)):
+        moved = match_view(world, moved, views, k, loose=0.15)
+    found = sum((m.part >= 0).sum(axis=1) for m in moved.matches)
+    ahead = np.argsort(-found, kind="stable")[:_RIVALS]
+    return settle(world, rescore(world, moved.take(ahead), views, ()), views)
 
 
 def _central_part(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) -> int | None:

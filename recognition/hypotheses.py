@@ -16,6 +16,7 @@ from recognition.layout import Layout
 from recognition.priors import Priors
 from recognition.seen import Seen
 from recognition.varpro import refine_batch
+from recognition.visibility import camera_in_objects
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -184,6 +185,19 @@ def forget_contradicted(hypotheses: Hypotheses) -> Hypotheses:
         part = np.where(bad[:, None], -1, found.part)
         matches.append(replace(found, part=part, weight=np.where(bad[:, None], 0.0, found.weight)))
     return replace(hypotheses, matches=tuple(matches))
+
+
+def out_of_reach(
+    layout: Layout, hypotheses: Hypotheses, views: list[Seen], nearest_mm: float, farthest_mm: float
+) -> BoolArray:
+    """``(H,)`` whether a part that is matched stands nearer to, or farther from, its camera than the bench allows."""
+    beyond = np.zeros(len(hypotheses), dtype=bool)
+    for found, seen in zip(hypotheses.matches, views, strict=True):
+        _, centre = camera_in_objects(hypotheses.placement, seen.camera_row)
+        away = np.linalg.norm(layout.centre_mm[found.part] - centre[:, None], axis=2)
+        wrong = (away < 0.9 * nearest_mm) | (away > 1.1 * farthest_mm)
+        beyond |= (wrong & (found.part >= 0)).any(axis=1)
+    return beyond
 
 
 def refine(

@@ -192,8 +192,6 @@ class _State:
             return None
         here = self.path[-1]
         candidates = [p for p in self.rig.reachable(here) if not any(_same(p, old) for old in self.visited)]
-        if len(candidates) > self.settings.effort.candidates:
-            candidates = self._nearest_candidates(candidates, here)
         situation = Situation(
             world=self.world,
             belief=self.belief,
@@ -207,17 +205,10 @@ class _State:
             cost_s=np.array([self.rig.travel_s(here, p) for p in candidates]),
             sure=sure,
             mount=self.settings.mount,
+            most=self.settings.effort.candidates,
             rng=self.rng,
         )
         return policy.choose(situation)
-
-    def _nearest_candidates(self, candidates: list[RigPose], here: RigPose) -> list[RigPose]:
-        """Half the allowance are the nearest in time, half are drawn from the rest: near moves are likely."""
-        cost = np.array([self.rig.travel_s(here, p) for p in candidates])
-        order = np.argsort(cost, kind="stable")
-        half = self.settings.effort.candidates // 2
-        rest = self.rng.choice(order[half:], size=self.settings.effort.candidates - half, replace=False)
-        return [candidates[int(i)] for i in np.concatenate([order[:half], rest])]
 
 
 def _same(a: RigPose, b: RigPose) -> bool:

@@ -70,7 +70,7 @@ class Effort:
     refined: int = 600
     modes: int = 1
     second_looks: int = 0
-    candidates: int = 60
+    candidates: int = 120
     sampled: int = 40
 
     @staticmethod

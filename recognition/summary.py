@@ -121,7 +121,7 @@ def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserS
         mass = float(belief.probability[group].sum())
         if mass >= settings.threshold:
             sd = pose_sd(belief, views, group)
-            short = _too_unsure(sd, settings)
+            short = _too_unsure(sd, settings, _distance_to_parts(world, belief, views))
             why = f"one configuration holds {mass:.4f} of the probability"
             verdict = Verdict(Outcome.RECOGNISED, f"{why}{short and f'; but {short}'}", final=not short)
     if verdict is None and len(views) >= settings.max_views:
@@ -135,10 +135,12 @@ def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserS
     return verdict
 
 
-def _too_unsure(sd: dict[str, float], settings: RecogniserSettings) -> str:
+def _too_unsure(sd: dict[str, float], settings: RecogniserSettings, distance_mm: float) -> str:
+    """What is still wanted of the pose; asked or not, it must be known to a share of the distance to mean a place."""
     place = max(sd[k] for k in ("x_mm", "y_mm", "z_mm"))
-    if settings.pose_sd_mm is not None and place > settings.pose_sd_mm:
-        return f"its position is unsure by {place:.0f} mm, {settings.pose_sd_mm:g} is asked"
+    most = settings.pose_sd_mm if settings.pose_sd_mm is not None else _UNSURE_SHARE * distance_mm
+    if not place <= most:
+        return f"its position is unsure by {place:.3g} mm, {most:.3g} is asked"
     if settings.pose_sd_deg is not None and sd["theta_deg"] > settings.pose_sd_deg:
         return f"its pan is unsure by {sd['theta_deg']:.2f} degrees, {settings.pose_sd_deg:g} is asked"
     return ""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.association import match, vote_shift
-from recognition.hypotheses import Hypotheses, gather, no_matches, refine
+from recognition.hypotheses import Hypotheses, gather, no_matches, out_of_reach, refine
 from recognition.layout import Layout, compile_layout
 from recognition.likelihood import part_log_odds, view_log_odds
 from recognition.modelbase import ModelBase
@@ -29,8 +29,10 @@ IntArray = npt.NDArray[np.int64]
 _REACH_PX = (320.0, 120.0, 60.0)
 """How far a view's picture may lie from its prediction after one, two, three and more views, for 1,280 px width."""
 _REACH_NEW_PX = 260.0
-_NEW_ZOOM_SCALES = (0.7, 0.84, 1.0, 1.2, 1.43)
-"""Focal lengths tried, as factors of the guess, at a zoom setting seen for the first time."""
+_BEYOND_COST = 40.0
+"""What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
+_SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
+"""At a zoom setting seen for the first time, focal lengths are tried in such steps, and so far beyond the likely range."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,8 @@ def guess_internals(
 ) -> FloatArray:
     """``(H, 4)`` internals at a zoom setting: those of its group where known, else scaled from a view that is known.
 
-    Nothing is known of the zoom but that 0 is widest and 1 longest; so the focal length is guessed to run through the
-    lens's range geometrically.
+    Nothing is known of the zoom but that 0 is widest and 1 longest, and the lens's widest possible range; so the focal
+    length is guessed to run through half that range geometrically.
     """
     unset = np.zeros((len(hypotheses), 4))
     guess = hypotheses.internals[:, group].copy() if group is not None else unset
@@ -110,7 +112,7 @@ def guess_internals(
         if not unknown.any():
             break
         rows = hypotheses.internals[unknown, other.group].copy()
-        rows[:, :2] *= (high / low) ** (0.8 * (zoom - other.zoom))
+        rows[:, :2] *= (high / low) ** (0.5 * (zoom - other.zoom))
         guess[unknown] = rows
     guess[:, :2] = np.clip(guess[:, :2], 0.0, high)
     return guess
@@ -190,9 +192,20 @@ def settle(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypothese
 def rescore(world: World, hypotheses: Hypotheses, views: list[Seen], which: Iterable[int]) -> Hypotheses:
     """Refine over all views with the matches as they are, then score some views."""
     hypotheses = refine(world.layout, hypotheses, views, world.priors(views[0].image_size))
+    near, far = world.bounds.distance_min_mm, world.bounds.distance_max_mm
+    beyond = out_of_reach(world.layout, hypotheses, views, near, far)
     for k in which:
         hypotheses = score_view(world, hypotheses, views, k)
-    return hypotheses
+    return replace(hypotheses, prior_cost=hypotheses.prior_cost + _BEYOND_COST * beyond)
+
+
+def _new_zoom_scales(world: World, views: list[Seen], view: int) -> tuple[float, ...]:
+    """Factors of the guessed focal length to try: from no change of it to the lens's whole range, for the zoom's way."""
+    low, high = focal_range(world.bounds, views[0].image_size[0])
+    way = max((abs(views[view].zoom - other.zoom) for other in views), default=0.0)
+    half = 0.5 * way * np.log(high / low) + np.log(_SCALE_SLACK)
+    steps = int(np.ceil(half / np.log(_SCALE_STEP)))
+    return tuple(float(v) for v in np.exp(np.linspace(-half, half, 2 * steps + 1)))
 
 
 def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1) -> Hypotheses:
@@ -207,7 +220,7 @@ def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, 
         return hypotheses
     guess = expected_internals(world, hypotheses, views, view)
     new = hypotheses.internals[:, seen.group, 0] <= 0
-    scales = _NEW_ZOOM_SCALES if new.any() else (1.0,)
+    scales = _new_zoom_scales(world, views, view) if new.any() else (1.0,)
     matched = sum(((m.part >= 0).any(axis=1)).astype(int) for k, m in enumerate(hypotheses.matches) if k != view)
     reach = np.array(_REACH_PX)[np.clip(matched - 1, 0, len(_REACH_PX) - 1)]
     reach = np.where(new, np.maximum(reach, _REACH_NEW_PX), reach) * seen.image_size[0] / 1280.0
@@ -221,7 +234,7 @@ def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, 
             moved = internals.copy()
             moved[:, 2:] += shifts[:, mode]
             options.append(moved)
-            votes.append(np.where(new | (scale == 1.0), counts[:, mode] - 0.5 * abs(np.log(scale)), -np.inf))
+            votes.append(np.where(new | (scale == 1.0), counts[:, mode] - 0.3 * abs(np.log(scale)), -np.inf))
     best = np.argsort(-np.array(votes), axis=0, kind="stable")[:modes]
     rows = np.repeat(np.arange(n), modes)
     internals = np.array(options)[best.T.ravel(), rows]

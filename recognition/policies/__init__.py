@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from typing import Protocol
 
@@ -37,6 +37,7 @@ class Situation:
         cost_s: ``(K,)`` seconds to each candidate, settling and exposure included.
         sure: True when the object and the place are settled and only the pose is to be sharpened.
         mount: the camera's lever arm.
+        most: candidates that a policy should compare at most, to keep its time.
         rng: for policies that draw.
     """
 
@@ -50,7 +51,23 @@ class Situation:
     cost_s: FloatArray
     sure: bool
     mount: Mount
+    most: int
     rng: np.random.Generator = field(repr=False)
+
+    def fewer(self) -> Situation:
+        """The situation with at most ``most`` candidates: half the nearest in time, half drawn from the others."""
+        if len(self.candidates) <= self.most:
+            return self
+        order = np.argsort(self.cost_s, kind="stable")
+        half = self.most // 2
+        drawn = self.rng.choice(order[half:], size=self.most - half, replace=False)
+        keep = [int(i) for i in np.concatenate([order[:half], drawn])]
+        return replace(
+            self,
+            candidates=[self.candidates[i] for i in keep],
+            groups=[self.groups[i] for i in keep],
+            cost_s=self.cost_s[keep],
+        )
 
     def predict(self, most: int = 40) -> Prediction:
         """What a sample of the belief would see from each candidate."""

@@ -25,6 +25,7 @@ class InformationPolicy:
         """The candidate with the most expected bits per second; ``None`` if none tells anything."""
         if not situation.candidates:
             return None
+        situation = situation.fewer()
         prediction = situation.predict()
         place = np.array(
             [information_bits(prediction.weight, distances(f, situation.world)) for f in prediction.features]
