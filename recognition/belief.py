@@ -126,11 +126,11 @@ def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most:
 
 
 def _explains(world: World, hypotheses: Hypotheses, view: int) -> bool:
-    """Whether the leading hypotheses say nearly all that can be said of a view."""
+    """Whether a leading hypothesis says nearly all that can be said of a view, and no view speaks against it."""
     if len(hypotheses) == 0:
         return False
-    ahead = np.argsort(-hypotheses.log_weight)[:20]
-    return bool(hypotheses.odds[ahead, view].max() > 0.6 * world.rates.view_cap)
+    ahead = hypotheses.odds[np.argsort(-hypotheses.log_weight)[:20]]
+    return bool(((ahead[:, view] > 0.6 * world.rates.view_cap) & (ahead > -3.0).all(axis=1)).any())
 
 
 def _fresh(world: World, views: list[Seen], effort: Effort, most: int) -> Hypotheses:
