@@ -22,6 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 LEADERS = 5
+LEAST_PARTS = 5
+"""Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
 _UNSURE_SHARE = 0.1
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
 
@@ -119,7 +121,7 @@ def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserS
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)
         mass = float(belief.probability[group].sum())
-        if mass >= settings.threshold:
+        if mass >= settings.threshold and _parts_matched(belief) >= LEAST_PARTS:
             sd = pose_sd(belief, views, group)
             short = _too_unsure(sd, settings, _distance_to_parts(world, belief, views))
             why = f"one configuration holds {mass:.4f} of the probability"
@@ -133,6 +135,11 @@ def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserS
     if verdict is not None and len(views) >= settings.max_views:
         return Verdict(verdict.outcome, verdict.why)
     return verdict
+
+
+def _parts_matched(belief: Belief) -> int:
+    """Matches of the leading hypothesis in all views together."""
+    return sum(int((found.part[0] >= 0).sum()) for found in belief.hypotheses.matches)
 
 
 def _too_unsure(sd: dict[str, float], settings: RecogniserSettings, distance_mm: float) -> str:
