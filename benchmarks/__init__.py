@@ -1,0 +1,1 @@
+"""Commands that measure: each prints figures that docs/results.md quotes."""
