@@ -26,6 +26,8 @@ LEAST_PARTS = 5
 """Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
 _UNSURE_SHARE = 0.1
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
+_SEEN_VIEWS = 3
+"""So many views must have shown something before a run may say that it is none of the objects."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,8 @@ def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> 
 
 def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> Verdict | None:
     """Whether the run may end."""
-    if belief.none >= settings.threshold and len(views) >= 3:
+    # A view without any detection shows a bare wall or nothing at all; it says little of which object stands there.
+    if belief.none >= settings.threshold and sum(seen.count > 0 for seen in views) >= _SEEN_VIEWS:
         return Verdict(Outcome.UNKNOWN, f"none of the objects explains the views (probability {belief.none:.3f})")
     verdict = None
     if len(belief.hypotheses):
