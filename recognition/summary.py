@@ -24,7 +24,7 @@ IntArray = npt.NDArray[np.int64]
 LEADERS = 5
 LEAST_PARTS = 5
 """Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
-_UNSURE_SHARE = 0.1
+_UNSURE_SHARE = 0.05
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
 _SEEN_VIEWS = 3
 """So many views must have shown something before a run may say that it is none of the objects."""
