@@ -30,6 +30,7 @@ class Trial:
     Attributes:
         name: what it began from.
         kind: ``right``, ``wrong`` (an object was named, but it or its place is not the true one), or ``undecided``.
+        near: whether the pose is within the tolerance.
         outcome: how the run ended.
         named: the object that the answer names.
         true_object: the object that was there.
@@ -46,6 +47,7 @@ class Trial:
 
     name: str
     kind: str
+    near: bool
     outcome: str
     named: str | None
     true_object: str
@@ -97,8 +99,22 @@ def scored(
     true_camera: CameraPose,
     within_mm: float,
     within_deg: float,
+    placed: bool = False,
+    notes: Sequence[str] = (),
 ) -> Trial:
-    """Score an answer against the truth at the last view."""
+    """Score an answer against the truth at the last view.
+
+    Args:
+        name: of the trial.
+        answer: the answer.
+        steps: its views.
+        true_object: what was there.
+        true_camera: the camera in the object frame at the last view.
+        within_mm: tolerance of the camera's centre.
+        within_deg: tolerance of its pan.
+        placed: whether the place is known to be right, whatever the pose; it is if the pose is within the tolerance.
+        notes: one for each view, for the log.
+    """
     import numpy as np
 
     from recognition.geometry import wrap_deg
@@ -109,14 +125,15 @@ def scored(
         error_deg = abs(wrap_deg(answer.pose.theta_deg - true_camera.theta_deg))
         sd_mm = max(answer.pose_sd[key] for key in ("x_mm", "y_mm", "z_mm"))
         sd_deg = answer.pose_sd["theta_deg"]
-    placed = error_mm <= within_mm and error_deg <= within_deg
+    near = error_mm <= within_mm and error_deg <= within_deg
     if answer.outcome != "recognised":
         kind = UNDECIDED
     else:
-        kind = RIGHT if answer.object_id == true_object and placed else WRONG
+        kind = RIGHT if answer.object_id == true_object and (near or placed) else WRONG
     return Trial(
         name=name,
         kind=kind,
+        near=near,
         outcome=str(answer.outcome),
         named=answer.object_id,
         true_object=true_object,
@@ -130,7 +147,7 @@ def scored(
         travel_mm=answer.travel_mm,
         rss_mib=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
         why=answer.why,
-        log=[step_line(step) for step in steps],
+        log=[f"{step_line(step)} {notes[k] if notes else ''}".rstrip() for k, step in enumerate(steps)],
     )
 
 
@@ -198,6 +215,7 @@ def table(title: str, trials: Sequence[Trial]) -> str:
     ]
     good = [trial for trial in trials if trial.kind == RIGHT]
     if good:
+        lines.append(f"  pose in tolerance   {sum(t.near for t in good)} of the {len(good)} right ones")
         lines.append(f"  pose error, mm      {spread([t.error_mm for t in good], '.1f')}  (right ones)")
         lines.append(f"  pose error, °       {spread([t.error_deg for t in good], '.3f')}")
         lines.append(f"  error / told sd     {spread([t.error_mm / t.sd_mm for t in good], '.2f')}  (mm, largest axis)")

@@ -25,7 +25,7 @@ CANDIDATES = 80
 WRONG_PLACE_MM = 50.0
 """Neighbouring windows are farther apart than this."""
 
-_BENCH = {
+CLEAN_BENCH = {
     "schema": 1,
     "kind": "mock",
     "camera": {"internals": "change_every_view", "view_angle_deg": (20.0, 60.0)},
@@ -59,7 +59,7 @@ class Demonstration:
 
     def bench(self) -> BenchConfig:
         """The bench that the grid is put on."""
-        return BenchConfig(f"rendered {MODELS}", BenchFile.model_validate(_BENCH), self.grid)
+        return BenchConfig(f"rendered {MODELS}", BenchFile.model_validate(CLEAN_BENCH), self.grid)
 
     def verdict(self, answer: Answer, last: RigPose) -> str:
         """One sentence: what was really there, and how far off the answer is; ``last`` is the last view's rig pose."""
