@@ -291,6 +291,7 @@ def test_every_move_is_taken_and_every_choice_is_explained_in_one_sentence() -> 
 
 def test_the_way_travelled_is_the_sum_of_the_moves() -> None:
     bench = SyntheticRig(BASE.objects[0], around_the_corner(), faults=Faults(missed=0.4))
+    bench.offers = [replace(p, theta_deg=p.theta_deg + 360.0 * (k % 2)) for k, p in enumerate(bench.offers)]
     _, answer = run(bench, BASE, with_views(SETTINGS, max_views=5, threshold=1.0))
     at = np.array([[p.x_mm, p.y_mm, p.z_mm] for p in bench.taken])
     pan = np.array([p.theta_deg for p in bench.taken])
