@@ -164,7 +164,7 @@ def information_bits(weight: FloatArray, distance: FloatArray) -> float:
     """
     p = weight / weight.sum()
     mixed = np.exp(-distance) @ p
-    return float(-(p * np.log2(np.maximum(mixed, 1e-300))).sum())
+    return max(0.0, float(-(p * np.log2(np.maximum(mixed, 1e-300))).sum()))
 
 
 def _pose_bits(

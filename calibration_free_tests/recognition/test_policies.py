@@ -10,12 +10,14 @@ import pytest
 
 from calibration_free_tests.recognition.synthetic import (
     SETTINGS,
+    Faults,
     SyntheticRig,
     around_the_corner,
     base_of,
     before_front,
     believed,
     building,
+    changing,
     in_rig,
     rig_pose,
     run,
@@ -24,7 +26,6 @@ from calibration_free_tests.recognition.synthetic import (
     with_views,
     world_of,
 )
-from recognition.belief import Belief
 from recognition.geometry import CameraPose, Mount
 from recognition.modelbase import ModelBase, ObjectModel
 from recognition.policies import Situation, load_policy
@@ -106,19 +107,24 @@ def test_once_the_place_is_settled_the_pose_is_sharpened() -> None:
     assert "pose" in chosen.why
 
 
-def test_where_no_view_can_separate_what_is_left_the_policy_says_so() -> None:
+def test_where_no_reachable_view_can_separate_twins_the_run_says_so_before_its_views_are_used_up() -> None:
     twins = base_of(building("tower", 0), building("copy", 0))
-    cameras = [before_front(x, turn_deg=t) for x in (260.0, 420.0, 520.0) for t in (0.0, 15.0)]
+    for seed in range(3):
+        rig = SyntheticRig(twins.objects[0], around_the_corner(), changing(seed), Faults(0.3, 0.05, 1), seed=seed)
+        steps, answer = run(rig, twins, with_views(SETTINGS, seed=seed, max_views=20))
+        assert len(steps) < 15
+        assert "no reachable view separates" in answer.why
+        assert {c.split(" at ")[0] for c in answer.candidates} == {"tower", "copy"}
+
+
+def test_equal_objects_known_to_a_millimetre_are_given_up_at_once() -> None:
+    twins = base_of(building("tower", 0), building("copy", 0))
+    cameras = [before_front(x, turn_deg=t) for x in (260.0, 400.0, 520.0, 330.0, 460.0) for t in (0.0, 15.0, -15.0)]
     now = situation(cameras, base=twins)
-    pair = now.belief.hypotheses
-    rows = np.array([int(np.flatnonzero(pair.object_of == k)[0]) for k in (0, 1)])
-    # Two equal objects at one place, equally probable, and a pose that is known well.
-    known = replace(
-        pair.take(rows), placement=pair.placement[rows[[0, 0]]], covariance=np.tile(1e-6 * np.eye(4), (2, 1, 1))
-    )
-    hopeless = replace(now, belief=Belief(known, np.array([0.5, 0.5]), 0.0))
-    told = InformationPolicy().choose(hopeless)
-    assert told is None or told.gain_bits < 1.0
+    views = [seen_from(twins, twins.objects[0], camera) for camera in cameras]
+    _, belief = believed(now.world, views)
+    assert belief.probability[:2] == pytest.approx([0.5, 0.5], abs=0.01)
+    assert InformationPolicy().choose(replace(now, belief=belief, views=views)) is None
 
 
 @pytest.mark.parametrize("policy", [InformationPolicy(), RandomPolicy()])

@@ -14,6 +14,8 @@ FloatArray = npt.NDArray[np.float64]
 
 LEAST_BITS = 0.02
 """Less expected information than this is none: the remaining hypotheses look alike from everywhere."""
+LEAST_POSE_BITS = 0.5
+"""While a view sharpens the pose by more than this, hypotheses that look alike now may yet come apart."""
 _POSE_SHARE = 0.1
 _MOST_POSE_BITS = 8.0
 
@@ -33,7 +35,7 @@ class InformationPolicy:
         pose = np.minimum(prediction.pose_bits, _MOST_POSE_BITS)
         if not situation.sure and place.max(initial=0.0) < LEAST_BITS and situation.belief.entropy_bits > 0.1:
             seen_by_all = prediction.expected[:, :-1] @ prediction.weight[:-1]
-            if seen_by_all.max(initial=0.0) > 0 and pose.max(initial=0.0) < LEAST_BITS:
+            if seen_by_all.max(initial=0.0) > 0 and pose.max(initial=0.0) < LEAST_POSE_BITS:
                 return None
         share = 1.0 if situation.sure else _POSE_SHARE * float(prediction.weight[0])
         gain = place + share * pose
