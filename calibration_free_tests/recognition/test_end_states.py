@@ -66,8 +66,8 @@ def test_each_object_is_recognised_from_imperfect_views(number: int, policy: str
 
 
 def test_no_object_is_taken_for_another() -> None:
-    """Eighteen runs on dirty views: each is right, or says that it is not sure."""
-    for seed in range(18):
+    """Twelve runs on dirty views: each is right, or says that it is not sure."""
+    for seed in range(12):
         thing = BASE.objects[seed % 3]
         places = around_the_corner()
         np.random.default_rng(seed).shuffle(places)
@@ -169,6 +169,21 @@ def test_where_nothing_is_ever_seen_nothing_is_found() -> None:
         assert answer.outcome is Outcome.NOT_FOUND
         assert answer.pose is None
         assert len(steps) == min(len(places), SETTINGS.max_views)
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_views_that_stay_empty_where_parts_are_expected_speak_against_every_object(number: int) -> None:
+    """One view of windows, then nothing more, wherever the run looks for what ought to be beside them."""
+
+    def blank(view: int, parts: list[DetectedPart]) -> list[DetectedPart]:
+        return [] if view else parts
+
+    bench = SyntheticRig(BASE.objects[number], around_the_corner()[number:], changing(number), altered=blank)
+    steps, answer = run(bench, BASE, with_views(SETTINGS, max_views=8))
+    none = [step.belief.posterior["unknown"] for step in steps]
+    assert none[0] < 0.01
+    assert none[-1] > 0.99
+    assert answer.outcome is Outcome.NOT_FOUND
 
 
 def test_empty_first_views_are_no_end() -> None:
@@ -273,8 +288,8 @@ def test_no_run_takes_more_views_than_allowed(most: int) -> None:
 @pytest.mark.parametrize("policy", ["information", "random"])
 def test_no_pose_is_visited_twice(policy: str) -> None:
     bench = SyntheticRig(BASE.objects[0], around_the_corner(), faults=Faults(missed=0.4), zooms=(0.0, 1.0))
-    steps, _ = run(bench, BASE, with_views(SETTINGS, policy=policy, max_views=7, threshold=1.0))
-    assert len(steps) > 3
+    steps, _ = run(bench, BASE, with_views(SETTINGS, policy=policy, max_views=5, threshold=1.0))
+    assert len(steps) == 5
     assert len(set(bench.taken)) == len(bench.taken)
 
 
