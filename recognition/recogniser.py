@@ -159,7 +159,7 @@ class _State:
 
             edges = EdgeField(frame.image)
         return see(
-            parts,
+            parts[: self.settings.effort.detections],
             camera_in_rig(frame.rig_pose, self.settings.mount),
             (width, height),
             self._group(frame.rig_pose),

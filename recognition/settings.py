@@ -46,6 +46,7 @@ class Effort:
     """How much work a step may take: more on cluttered photographs, less on clean views.
 
     Attributes:
+        detections: detections of a view that are used at all, the detector's best: the last are bricks and panes.
         anchors: detections of a view that are tried as parts, the detector's best.
         per_part: detections that one part may be proposed for.
         focals: focal lengths tried for a proposal where the view leaves it open.
@@ -60,6 +61,7 @@ class Effort:
         sampled: hypotheses that the planner compares.
     """
 
+    detections: int = 40
     anchors: int = 6
     per_part: int = 1
     focals: int = 2
@@ -79,6 +81,7 @@ class Effort:
         if clutter <= 50.0:
             return Effort()
         return Effort(
+            detections=1000,
             anchors=120,
             per_part=4,
             focals=3,

@@ -30,7 +30,7 @@ CLEAN_BENCH = {
     "kind": "mock",
     "camera": {"internals": "change_every_view", "view_angle_deg": (20.0, 60.0)},
     "object": {"distance_mm": (60.0, 2000.0)},
-    "detection": {"found": 0.97, "clutter": 0.2, "corner_sd_px": 0.5},
+    "detection": {"found": 0.97, "clutter": 5.0, "corner_sd_px": 0.5},
 }
 """What anyone at such a bench would know: the model is on a table, the lens is no fisheye, the pictures are clean."""
 
