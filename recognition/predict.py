@@ -17,7 +17,7 @@ from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
 from recognition.tracking import World, guess_internals
 from recognition.varpro import refine_batch
-from recognition.visibility import Pairs, parts_in_view
+from recognition.visibility import LEAST_COSINE, Pairs, bounding_box, parts_in_view
 from rig.hal import RigPose
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,6 +26,7 @@ IntArray = npt.NDArray[np.int64]
 CELLS_ACROSS = 20
 """A picture is divided into so many cells across; parts this near look alike to a planner."""
 _POSE_CANDIDATES, _POSE_MATTERS = 40, 0.3
+_BORDER_SHARE, _SHIFT_SHARE = 0.04, 0.25
 
 
 @dataclass(frozen=True)
@@ -108,12 +109,13 @@ def predict(
     candidate, which = np.divmod(pairs.hypothesis, m)
     middle = pairs.corners_px.mean(axis=1)
     look = world.layout.part_class[pairs.part]
+    chance = _chance(pairs, size)
     features = []
     for c in range(k):
         rows_c = np.flatnonzero(candidate == c)
-        features.append(_picture(which[rows_c], middle[rows_c], look[rows_c], m, size))
+        features.append(_picture(which[rows_c], middle[rows_c], look[rows_c], chance[rows_c], m, size))
     expected = np.zeros((k, m + 1))
-    np.add.at(expected, (candidate, which), 1.0)
+    np.add.at(expected, (candidate, which), chance)
     bits = np.zeros(k)
     if len(weight) and weight[0] > _POSE_MATTERS:
         bits = _pose_bits(world, hypotheses, views, cameras, pairs, candidate, which)
@@ -125,7 +127,20 @@ def _row(pose: RigPose, mount: Mount) -> FloatArray:
     return np.array([np.radians(camera.theta_deg), *camera.centre_mm])
 
 
-def _picture(which: IntArray, middle: FloatArray, look: IntArray, m: int, size: tuple[int, int]) -> FloatArray:
+def _chance(pairs: Pairs, size: tuple[int, int]) -> FloatArray:
+    """How surely each part ``(n,)`` is seen, 0..1: less near the frame's border, or so obliquely that it soon is not.
+
+    Poses are known to some millimetres only; a part that a nudge hides must not tell one hypothesis from another.
+    """
+    low, high = bounding_box(pairs.corners_px)
+    inside = np.minimum(low, np.array(size) - 1 - high).min(axis=1) / (_BORDER_SHARE * size[0])
+    squarely = (pairs.cosine - LEAST_COSINE) / LEAST_COSINE
+    return np.asarray(np.clip(inside, 0.0, 1.0) * np.clip(squarely, 0.0, 1.0))
+
+
+def _picture(
+    which: IntArray, middle: FloatArray, look: IntArray, chance: FloatArray, m: int, size: tuple[int, int]
+) -> FloatArray:
     """Feature matrix ``(m + 1, F)``: bilinear in the cells, parts a cell apart do not overlap; last row empty."""
     cell = size[0] / CELLS_ACROSS
     place = middle / cell
@@ -137,12 +152,10 @@ def _picture(which: IntArray, middle: FloatArray, look: IntArray, m: int, size: 
             weight = np.abs(1 - du - part[:, 0]) * np.abs(1 - dv - part[:, 1])
             keys.append((look * 1000 + low[:, 1] + dv) * 1000 + low[:, 0] + du)
             rows.append(which)
-            values.append(weight)
+            values.append(chance * weight)
     unique, column = np.unique(np.concatenate(keys), return_inverse=True)
     features = np.zeros((m + 1, len(unique)))
     np.add.at(features, (np.concatenate(rows), column), np.concatenate(values))
-    norm = np.zeros((m + 1, 1))
-    np.add.at(norm[:, 0], which, 1.0)
     return features
 
 
@@ -150,7 +163,9 @@ def distances(features: FloatArray, world: World) -> FloatArray:
     """``(M, M)`` expected log odds, nats, by which one predicted picture is told from another."""
     count = features.sum(axis=1)
     both = np.minimum(features[:, None], features[None]).sum(axis=2)
-    apart = np.maximum(count[:, None] + count[None] - 2.0 * both, 0.0)
+    total = count[:, None] + count[None]
+    # Shifts of a part of a cell are no evidence: unknown internals and uncertain poses move a picture as much.
+    apart = np.maximum(total - 2.0 * both - _SHIFT_SHARE * total, 0.0) / (1.0 - _SHIFT_SHARE)
     rates = world.rates
     each = 0.5 * rates.found * min(rates.part_cap, 6.0)
     return np.asarray(np.minimum(each * apart, rates.view_cap))
