@@ -32,7 +32,7 @@ _REACH_NEW_PX = 260.0
 _BEYOND_COST = 40.0
 """What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
 _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
-"""At a zoom setting seen for the first time, focal lengths are tried in such steps, and so far beyond the likely range."""
+"""At a zoom setting seen for the first time, focal lengths are tried in such steps, and so far beyond the range."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def rescore(world: World, hypotheses: Hypotheses, views: list[Seen], which: Iter
 
 
 def _new_zoom_scales(world: World, views: list[Seen], view: int) -> tuple[float, ...]:
-    """Factors of the guessed focal length to try: from no change of it to the lens's whole range, for the zoom's way."""
+    """Factors of the guessed focal length to try: from no change to the lens's whole range."""
     low, high = focal_range(world.bounds, views[0].image_size[0])
     way = max((abs(views[view].zoom - other.zoom) for other in views), default=0.0)
     half = 0.5 * way * np.log(high / low) + np.log(_SCALE_SLACK)
