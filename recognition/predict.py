@@ -37,7 +37,7 @@ class Prediction:
         weight: ``(M,)`` probabilities of the sample and, last, of "none of these", which expects no parts.
         rows: ``(M - 1,)`` the sample's rows in the belief.
         features: for each candidate a matrix ``(M, F)``: how much of a part stands in each cell.
-        expected: ``(K, M)`` number of parts expected.
+        expected: ``(K, M)`` number of parts expected; those that may as well be just out of sight count less.
         pose_bits: ``(K,)`` expected information about the leading hypothesis's pose, bits.
     """
 

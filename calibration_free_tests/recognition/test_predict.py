@@ -158,3 +158,19 @@ def test_a_sample_keeps_the_most_probable_and_all_of_the_probability() -> None:
     few, all_of_it = sample(belief, 1000, np.random.default_rng(0))
     assert np.array_equal(few, np.arange(300))
     assert np.array_equal(all_of_it, p)
+
+
+def test_hypotheses_two_millimetres_apart_are_told_apart_by_no_view(
+    situation: tuple[World, Belief, list[Seen]],
+) -> None:
+    """Not even by one in which a nudge takes a part out of the frame or turns a wall out of sight."""
+    world, belief, views = situation
+    near = belief.hypotheses.take(np.array([0, 0]))
+    near.placement[1] += [0.0, 2.0, 0.0, 1.5]
+    pair = Belief(near, np.array([0.5, 0.5]), 0.0)
+    oblique = [CameraPose(80.0, 1000.0 + x, 200.0, -105.0 - 2 * x) for x in range(0, 60, 3)]
+    border = [before_front(x) for x in np.arange(250.0, 330.0, 2.0)]
+    prediction = predicted((world, pair, views), [*oblique, *border])
+    assert prediction.expected.max() > 3.0
+    tell = [information_bits(prediction.weight, distances(f, world)) for f in prediction.features]
+    assert max(tell) < 0.15
