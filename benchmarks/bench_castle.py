@@ -3,8 +3,9 @@
 Run: python -m benchmarks.bench_castle [--starts 1] [--others] [--jobs 2] [--keep FILE] [--failures DIR]
 Each start is recognised as ``rig recognise examples/castle.yaml --grid CASTLE --models CASTLE/modelbase.yaml --start F
 --json`` does it; nothing is cached. Right means: object ``castle``, and the pose within 300 mm and 2 degrees of the
-truth at the last view. ``--starts N`` takes every n-th start; ``--others`` begins from the grid's other photographs,
-which nothing was tuned on: those that show at least one whole window. With ``--keep`` a run that was cut off goes on.
+truth at the last view. ``--starts N`` takes every n-th start; ``--others`` begins from the grid's other photographs
+that show at least one whole window: no run was tuned from there, though the detector was tuned on all photographs.
+With ``--keep`` a run that was cut off goes on.
 """
 
 from __future__ import annotations
