@@ -68,7 +68,7 @@ def test_the_true_place_is_proposed_from_one_view(number: int) -> None:
     assert right, "the true pair of part and detection is proposed"
     # One place has many pairs and focal lengths; it is the rank among parts tried that counts.
     ahead = {int(p) for p in found.part[: right[0]]}
-    assert len(ahead) <= 0.5 * len(world.layout.part_ids)
+    assert len(ahead) <= 10
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
@@ -127,9 +127,9 @@ def test_the_focal_range_is_that_of_the_angles_of_view() -> None:
 def test_best_supported_come_first_and_no_part_crowds_out_the_others() -> None:
     base = three_buildings()
     world = world_of(base)
-    found = proposed(world, shown_as(base, CAMERAS[0], 0), per_part=1, most=80)
+    found = proposed(world, shown_as(base, CAMERAS[0], 0), per_part=1, most=10_000)
     pairs = {(int(p), int(d)) for p, d in zip(found.part, found.detection, strict=True)}
-    assert len({p for p, _ in pairs}) == len(pairs) <= 80
+    assert len({p for p, _ in pairs}) == len(pairs)
     assert (np.diff(found.score) <= 1e-9).all()
 
 
