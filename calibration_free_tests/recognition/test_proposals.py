@@ -127,7 +127,7 @@ def test_the_focal_range_is_that_of_the_angles_of_view() -> None:
 def test_best_supported_come_first_and_no_part_crowds_out_the_others() -> None:
     base = three_buildings()
     world = world_of(base)
-    found = proposed(world, shown_as(base, CAMERAS[0], 0), per_part=1, most=10_000)
+    found = proposed(world, shown_as(base, CAMERAS[4], 4), per_part=1, most=10_000)
     pairs = {(int(p), int(d)) for p, d in zip(found.part, found.detection, strict=True)}
     assert len({p for p, _ in pairs}) == len(pairs)
     assert (np.diff(found.score) <= 1e-9).all()
