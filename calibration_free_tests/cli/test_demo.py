@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import pytest
@@ -11,13 +10,9 @@ import pytest
 from rig.cli.app import app
 
 
-def test_demo_recognises_from_an_ambiguous_view_in_under_a_minute(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = time.monotonic()
+def test_demo_recognises_from_an_ambiguous_view(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         app(["demo", "--json", "--out", str(tmp_path / "run")], prog_name="rig")
-    took_s = time.monotonic() - before
     streams = capsys.readouterr()
     result = json.loads(streams.out)
     assert end.value.code == 0, streams.err
@@ -26,4 +21,3 @@ def test_demo_recognises_from_an_ambiguous_view_in_under_a_minute(
     assert "wrong" not in streams.err
     assert result["views"][0]["hypotheses_left"] > 100
     assert (tmp_path / "run" / "report.html").is_file()
-    assert took_s < 60.0
