@@ -52,20 +52,27 @@ def match(layout: Layout, pairs: Pairs, seen: Seen, gate_px: FloatArray) -> Matc
     if n and seen.count:
         allowed = compatible(layout, seen).T
         step = max(1, _CHUNK // max(seen.count, 1))
-        flat = seen.corners_px.reshape(seen.count, -1)
+        flat = _unpadded(seen.corners_px, seen.corner_count)
         norm = (flat**2).sum(axis=1)
+        count = layout.corner_count[pairs.part]
         for begin in range(0, n, step):
             rows = slice(begin, begin + step)
-            expected = pairs.corners_px[rows].reshape(-1, flat.shape[1])
+            expected = _unpadded(pairs.corners_px[rows], count[rows])
             square = (expected**2).sum(axis=1)[:, None] + norm - 2.0 * expected @ flat.T
             square = np.where(allowed[layout.part_class[pairs.part[rows]]], square, np.inf)
             best = square.argmin(axis=1)
             least = square[np.arange(len(best)), best]
             detection[rows] = best
-            distance[rows] = np.sqrt(np.maximum(least, 0.0) / seen.corners_px.shape[1])
+            distance[rows] = np.sqrt(np.maximum(least, 0.0) / count[rows])
     detection = np.where(distance <= gate_px, detection, -1)
     detection = _one_each(pairs.hypothesis, detection, distance)
     return Matching(pairs, detection, np.where(detection >= 0, distance, np.inf))
+
+
+def _unpadded(corners_px: FloatArray, count: IntArray) -> FloatArray:
+    """``(n, 2 C)`` coordinates with those past each shape's own corners zero, so that they add nothing to distances."""
+    real = np.arange(corners_px.shape[1]) < count[:, None]
+    return np.asarray(np.where(real[..., None], corners_px, 0.0).reshape(len(count), -1))
 
 
 def _one_each(hypothesis: IntArray, detection: IntArray, distance: FloatArray) -> IntArray:

@@ -107,6 +107,7 @@ def guess_internals(
     unset = np.zeros((len(hypotheses), 4))
     guess = hypotheses.internals[:, group].copy() if group is not None else unset
     low, high = focal_range(world.bounds, views[0].image_size[0])
+    guessed = guess[:, 0] <= 0
     for other in reversed(views):
         unknown = guess[:, 0] <= 0
         if not unknown.any():
@@ -114,7 +115,8 @@ def guess_internals(
         rows = hypotheses.internals[unknown, other.group].copy()
         rows[:, :2] *= (high / low) ** (0.5 * (zoom - other.zoom))
         guess[unknown] = rows
-    guess[:, :2] = np.clip(guess[:, :2], 0.0, high)
+    # What views tell is not clipped: the bench's range of the lens is soft.
+    guess[guessed, :2] = np.clip(guess[guessed, :2], 0.0, high)
     return guess
 
 

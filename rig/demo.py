@@ -28,7 +28,7 @@ WRONG_PLACE_MM = 50.0
 CLEAN_BENCH = {
     "schema": 1,
     "kind": "mock",
-    "camera": {"internals": "change_every_view", "view_angle_deg": (20.0, 60.0)},
+    "camera": {"internals": "change_every_view", "view_angle_deg": (15.0, 60.0)},
     "object": {"distance_mm": (60.0, 2000.0)},
     "detection": {"found": 0.97, "clutter": 5.0, "corner_sd_px": 0.5},
 }
