@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from recognition.geometry import rotation_y
 from recognition.hypotheses import Hypotheses, join, no_matches
+from recognition.mending import mended
 from recognition.proposals import propose
 from recognition.seen import Seen
 from recognition.settings import Effort
@@ -88,28 +89,17 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         rest = np.arange(len(ahead), len(carried))
         carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
     if views[last].count == 0 or (carried is not None and not effort.always_fresh and _explains(world, carried, last)):
-        return repair(world, carried, views) if carried is not None else Hypotheses.empty(views)
+        return _repair(world, carried, views) if carried is not None else Hypotheses.empty(views)
     fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
     everything = fresh if carried is None else join(carried, fresh)
-    return repair(world, thin(everything, views[last], effort.tracked), views)
+    return _repair(world, thin(everything, views[last], effort.tracked), views)
 
 
-def repair(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
-    """Give the leading hypotheses a second chance at the views that speak against them: found anew, and fitted again.
-
-    A view may have been matched when the fit was still poor, or its zoom setting told from a single part.
-    """
+def _repair(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
+    """Let the leading hypotheses compete with themselves mended."""
     order = np.argsort(-hypotheses.log_weight, kind="stable")[:_REPAIRED]
-    mended = hypotheses.take(order)
-    mended = mended.take(np.flatnonzero((mended.odds < 0).any(axis=1)))
-    if len(mended) == 0 or len(views) < 2:
-        return hypotheses
-    for k, seen in enumerate(views):
-        against = np.flatnonzero(mended.odds[:, k] < 0)
-        if against.size and seen.count:
-            mended = mended.put(against, look_in(world, mended.take(against), views, k))
-    mended = rescore(world, rescore(world, mended, views, range(len(views))), views, range(len(views)))
-    return thin(join(hypotheses, mended), views[-1], len(hypotheses))
+    children = mended(world, hypotheses.take(order), views)
+    return thin(join(hypotheses, children), views[-1], len(hypotheses)) if len(children) else hypotheses
 
 
 def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most: int) -> Hypotheses:

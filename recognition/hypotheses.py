@@ -177,14 +177,18 @@ def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> 
     return ViewMatches(part, px, weight)
 
 
-def forget_contradicted(hypotheses: Hypotheses) -> Hypotheses:
-    """Take back the matches of views that speak against their hypothesis: likely wrong, they would bend its fit."""
+def forget(hypotheses: Hypotheses, which: BoolArray) -> Hypotheses:
+    """Take back the matches of some views ``(H, V)``."""
     matches = []
     for k, found in enumerate(hypotheses.matches):
-        bad = hypotheses.odds[:, k] < 0
-        part = np.where(bad[:, None], -1, found.part)
-        matches.append(replace(found, part=part, weight=np.where(bad[:, None], 0.0, found.weight)))
+        gone = which[:, k, None]
+        matches.append(replace(found, part=np.where(gone, -1, found.part), weight=np.where(gone, 0.0, found.weight)))
     return replace(hypotheses, matches=tuple(matches))
+
+
+def forget_contradicted(hypotheses: Hypotheses) -> Hypotheses:
+    """Take back the matches of views that speak against their hypothesis: likely wrong, they would bend its fit."""
+    return forget(hypotheses, hypotheses.odds < 0)
 
 
 def out_of_reach(

@@ -44,13 +44,15 @@ def part_log_odds(layout: Layout, matching: Matching, seen: Seen, rates: Detecti
         - (2 * count - 4) * np.log(np.sqrt(2 * np.pi) * loose)
     )
     # Cauchy-like tails: a corner taken at the wrong edge of a frame does not veto the part.
-    square = 2.0 * count * (matching.distance_px[hit] / sd) ** 2 / 2.0
+    square = count * (matching.distance_px[hit] / sd) ** 2
     tail = count * np.log1p(square / count)
-    log_part = -2 * count * np.log(np.sqrt(2 * np.pi) * sd) - tail
-    names = layout.part_class[pairs.part[hit]]
-    log_class = np.log(np.maximum(seen.class_score[det, names], 1e-3))
-    gain = np.log(rate[hit]) + log_part + log_class - log_clutter
-    odds[hit] = np.minimum(gain, rates.part_cap)
+    log_peak = np.log(rate[hit]) - 2 * count * np.log(np.sqrt(2 * np.pi) * sd) - log_clutter
+    scores = np.maximum(seen.class_score[det], 1e-3)
+    log_class = np.log(scores[np.arange(len(det)), layout.part_class[pairs.part[hit]]] / scores.max(axis=1))
+    # The cap is on what a perfect fit would bring, so that a worse fit still counts less; one sd is no worse.
+    gain = np.minimum(log_peak, rates.part_cap) + log_class - np.maximum(tail - count * _ONE_SD_TAIL, 0.0)
+    # However bad the fit, the part may have been missed and something else stand there.
+    odds[hit] = np.maximum(gain, odds[hit])
     return odds
 
 
@@ -90,6 +92,12 @@ def view_log_odds(
     )
 
 
+def most_log_odds(hypotheses: int, pairs: Pairs, seen: Seen, rates: DetectionRates) -> FloatArray:
+    """Log odds ``(H,)`` that a view would bring if all parts that are expected whole and clear were found perfectly."""
+    clear = _rate(pairs, seen, rates) >= rates.found
+    return view_log_odds(hypotheses, pairs.hypothesis, np.where(clear, rates.part_cap, 0.0), clear, rates)
+
+
 def edge_log_odds(score: FloatArray) -> FloatArray:
     """Log odds of a part being there from its outline's edge score (``detectors.edges``), hidden parts allowed for.
 
@@ -103,4 +111,5 @@ def edge_log_odds(score: FloatArray) -> FloatArray:
 _EDGE_SCORE = (0.2, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)
 _EDGE_ODDS = (-3.5, -3.0, -1.3, -0.1, 0.5, 2.8, 3.6)
 _HIDDEN = 0.15
+_ONE_SD_TAIL = float(np.log(2.0))
 _FLOOR_SHARE = 0.4

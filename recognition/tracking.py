@@ -151,16 +151,24 @@ def match_view(
     if internals is None:
         internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
-    low, high = bounding_box(pairs.corners_px)
-    size = np.minimum(high[:, 0] - low[:, 0], high[:, 1] - low[:, 1])
-    floor = 4.0 * world.rates.corner_sd_px
-    gate = np.maximum(loose * size, floor) + 1.0
-    found = gather(match(world.layout, pairs, seen, gate), seen, len(hypotheses), world.rates.corner_sd_px)
+    found = gather(
+        match(world.layout, pairs, seen, part_gate(world, pairs, loose)),
+        seen,
+        len(hypotheses),
+        world.rates.corner_sd_px,
+    )
     matches = list(hypotheses.matches)
     matches[view] = found
     known = hypotheses.internals.copy()
     known[:, seen.group] = internals
     return replace(hypotheses, matches=tuple(matches), internals=known)
+
+
+def part_gate(world: World, pairs: Pairs, loose: float) -> FloatArray:
+    """``(n,)`` how far, px, a part may be found from where it is expected: ``loose`` times its size, or some sd."""
+    low, high = bounding_box(pairs.corners_px)
+    size = np.minimum(high[:, 0] - low[:, 0], high[:, 1] - low[:, 1])
+    return np.asarray(np.maximum(loose * size, 4.0 * world.rates.corner_sd_px) + 1.0)
 
 
 def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> Hypotheses:
