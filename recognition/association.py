@@ -37,7 +37,7 @@ def compatible(layout: Layout, seen: Seen) -> npt.NDArray[np.bool_]:
     )
 
 
-def match(layout: Layout, pairs: Pairs, seen: Seen, gate_px: FloatArray) -> Matching:
+def match(layout: Layout, pairs: Pairs, seen: Seen, gate_px: FloatArray, *, foremost: bool = False) -> Matching:
     """Take for each expected part the nearest detection within its gate; each detection serves one part.
 
     Args:
@@ -45,6 +45,8 @@ def match(layout: Layout, pairs: Pairs, seen: Seen, gate_px: FloatArray) -> Matc
         pairs: expected parts.
         seen: the view.
         gate_px: ``(n,)`` largest rms corner distance.
+        foremost: of several outlines alike take the one that the detector likes best, not the nearest: right as long as
+            parts are expected to no better than those differ.
     """
     n = len(pairs.part)
     detection = np.full(n, -1)
@@ -64,6 +66,12 @@ def match(layout: Layout, pairs: Pairs, seen: Seen, gate_px: FloatArray) -> Matc
             least = square[np.arange(len(best)), best]
             detection[rows] = best
             distance[rows] = np.sqrt(np.maximum(least, 0.0) / count[rows])
+        if foremost:
+            first = seen.foremost[detection]
+            gap = _unpadded(pairs.corners_px, count) - flat[first]
+            away = np.sqrt((gap**2).sum(axis=1) / count)
+            liked = (away <= gate_px) & allowed[layout.part_class[pairs.part], first]
+            detection, distance = np.where(liked, first, detection), np.where(liked, away, distance)
     detection = np.where(distance <= gate_px, detection, -1)
     detection = _one_each(pairs.hypothesis, detection, distance)
     return Matching(pairs, detection, np.where(detection >= 0, distance, np.inf))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from recognition.association import Matching
 from recognition.layout import Layout
@@ -22,10 +23,20 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 
-def part_log_odds(layout: Layout, matching: Matching, seen: Seen, rates: DetectionRates) -> FloatArray:
-    """Log odds ``(n,)`` that each expected part brings: found against clutter, or missed."""
+def part_log_odds(
+    layout: Layout, matching: Matching, seen: Seen, rates: DetectionRates, blur_px: FloatArray
+) -> FloatArray:
+    """Log odds ``(n,)`` that each expected part brings: found against clutter, or missed.
+
+    Args:
+        layout: the model base.
+        matching: expected parts with the detections taken for them.
+        seen: the view.
+        rates: how the detector behaves.
+        blur_px: ``(n,)`` sd of where the part is expected, before anything of the view was matched.
+    """
     pairs = matching.pairs
-    rate = _rate(pairs, seen, rates)
+    rate = _rate(pairs, seen, rates, blur_px)
     odds = np.log1p(-rate)
     hit = np.flatnonzero(matching.detection >= 0)
     if hit.size == 0:
@@ -56,14 +67,15 @@ def part_log_odds(layout: Layout, matching: Matching, seen: Seen, rates: Detecti
     return odds
 
 
-def _rate(pairs: Pairs, seen: Seen, rates: DetectionRates) -> FloatArray:
-    """Detection rate of each expected part: lower at the frame's border, seen obliquely, or small."""
+def _rate(pairs: Pairs, seen: Seen, rates: DetectionRates, blur_px: FloatArray) -> FloatArray:
+    """Detection rate of each expected part: lower at the frame's border, perhaps beyond it, seen obliquely, or small."""
     if len(pairs.part) == 0:
         return np.empty(0)
     low, high = bounding_box(pairs.corners_px)
     edge = np.minimum(low, np.array(seen.image_size) - 1 - high).min(axis=1)
     doubtful = (edge < 8.0) | (pairs.cosine < 0.35) | ((high - low).min(axis=1) < 14.0)
-    return np.where(doubtful, 0.4 * rates.found, rates.found)
+    inside = ndtr(edge / np.maximum(blur_px, 1e-9))
+    return np.asarray(np.where(doubtful, 0.4, 1.0) * rates.found * inside)
 
 
 def view_log_odds(
@@ -92,9 +104,9 @@ def view_log_odds(
     )
 
 
-def most_log_odds(hypotheses: int, pairs: Pairs, seen: Seen, rates: DetectionRates) -> FloatArray:
+def most_log_odds(hypotheses: int, pairs: Pairs, seen: Seen, rates: DetectionRates, blur_px: FloatArray) -> FloatArray:
     """Log odds ``(H,)`` that a view would bring if all parts that are expected whole and clear were found perfectly."""
-    clear = _rate(pairs, seen, rates) >= rates.found
+    clear = _rate(pairs, seen, rates, blur_px) > 0.9 * rates.found
     return view_log_odds(hypotheses, pairs.hypothesis, np.where(clear, rates.part_cap, 0.0), clear, rates)
 
 

@@ -16,13 +16,17 @@ from recognition.association import match, vote_shift
 from recognition.hypotheses import Hypotheses, forget, gather, join, refine
 from recognition.likelihood import most_log_odds
 from recognition.seen import Seen
-from recognition.tracking import World, expected_internals, expected_parts, look_in, part_gate, rescore
+from recognition.tracking import World, expected_blur, expected_internals, expected_parts, look_in, part_gate, rescore
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _SHORT = 2.5
 """A view is worth mending if so many nats are wanting to what it could bring."""
+_HOPELESS = 5.0
+"""One that would stay so many nats behind the best even if nothing were wanting is not worth its time."""
+_MODES = 4
+"""In how many ways a view is found anew: the one with most votes is not always right."""
 _REACH_PX = 60.0
 """How far parts may be displaced against those matched in the same view, for 1,280 px width."""
 
@@ -32,6 +36,8 @@ def mended(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypothese
     if len(hypotheses) == 0 or len(views) < 2:
         return hypotheses.take(np.empty(0, dtype=np.int64))
     short = shortfall(world, hypotheses, views)
+    hopeful = hypotheses.log_weight + np.maximum(short, 0.0).sum(axis=1) > hypotheses.log_weight.max() - _HOPELESS
+    hypotheses, short = hypotheses.take(np.flatnonzero(hopeful)), short[hopeful]
     found = np.array([view.count > 0 for view in views])
     worst = (short == short.max(axis=1, keepdims=True)) & (short > _SHORT)
     anew = (worst | (hypotheses.odds < 0)) & found
@@ -49,7 +55,8 @@ def shortfall(world: World, hypotheses: Hypotheses, views: list[Seen]) -> FloatA
     for k, seen in enumerate(views):
         internals = expected_internals(world, hypotheses, views, k)
         pairs = expected_parts(world, hypotheses, views, k, internals)
-        short[:, k] = most_log_odds(len(hypotheses), pairs, seen, world.rates) - hypotheses.odds[:, k]
+        blur = expected_blur(world, hypotheses, views, k, pairs)
+        short[:, k] = most_log_odds(len(hypotheses), pairs, seen, world.rates, blur) - hypotheses.odds[:, k]
     return short
 
 
@@ -60,9 +67,12 @@ def _found_anew(world: World, hypotheses: Hypotheses, views: list[Seen], which: 
     priors = world.priors(views[0].image_size)
     children = refine(world.layout, forget(hypotheses.take(rows), which), views, priors)
     for k in range(len(views)):
-        lacking = np.flatnonzero(which[:, k])
+        lacking, rest = np.flatnonzero(which[:, k]), np.flatnonzero(~which[:, k])
         if lacking.size:
-            children = children.put(lacking, look_in(world, children.take(lacking), views, k))
+            again = look_in(world, children.take(lacking), views, k, modes=_MODES, foremost=True)
+            children = join(children.take(rest), again)
+            which = np.concatenate([which[rest], np.repeat(which[lacking], _MODES, axis=0)])
+            which[:, k] = False
     return children
 
 
@@ -73,11 +83,12 @@ def _completed(world: World, hypotheses: Hypotheses, views: list[Seen], which: n
     for k in range(len(views)):
         lacking = np.flatnonzero(which[:, k])
         if lacking.size:
-            children = children.put(lacking, _complete(world, children.take(lacking), views, k))
+            children = children.put(lacking, complete(world, children.take(lacking), views, k))
     return children
 
 
-def _complete(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> Hypotheses:
+def complete(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> Hypotheses:
+    """Match a view with the parts that it lacks shifted together, by the shift that finds most of them."""
     seen = views[view]
     n = len(hypotheses)
     internals = expected_internals(world, hypotheses, views, view)
@@ -90,6 +101,6 @@ def _complete(world: World, hypotheses: Hypotheses, views: list[Seen], view: int
     corners[lost] += shifts[pairs.hypothesis[lost], 0][:, None]
     moved = replace(pairs, corners_px=corners)
     matches = list(hypotheses.matches)
-    again = match(world.layout, moved, seen, part_gate(world, moved, 0.25))
+    again = match(world.layout, moved, seen, part_gate(world, moved, 0.25), foremost=True)
     matches[view] = gather(again, seen, n, world.rates.corner_sd_px)
     return replace(hypotheses, matches=tuple(matches))

@@ -181,10 +181,9 @@ class _State:
 
     def give_up(self) -> Verdict:
         """What to say when no view can tell more."""
-        return Verdict(
-            Outcome.AMBIGUOUS if self.belief.left > 0 else Outcome.NOT_FOUND,
-            "no reachable view separates what is left" if self.belief.left else "no reachable view shows a part",
-        )
+        if self.belief.probability.sum() > self.belief.none:
+            return Verdict(Outcome.AMBIGUOUS, "no reachable view separates what is left")
+        return Verdict(Outcome.NOT_FOUND, "no reachable view shows a part that would tell an object")
 
     def choose(self, policy: Policy, *, sure: bool) -> Move | None:
         """Ask the policy for the next view, among those not visited."""

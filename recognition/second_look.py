@@ -15,7 +15,7 @@ from recognition.association import match
 from recognition.hypotheses import MOST_MATCHES, Hypotheses, ViewMatches, gather, refine
 from recognition.likelihood import edge_log_odds, part_log_odds, view_log_odds
 from recognition.seen import Seen
-from recognition.tracking import World, expected_internals, expected_parts
+from recognition.tracking import World, expected_blur, expected_internals, expected_parts
 from recognition.visibility import Pairs
 
 FloatArray = npt.NDArray[np.float64]
@@ -44,9 +44,10 @@ def _look(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) ->
     pairs = expected_parts(world, hypotheses, views, view, internals)
     gate = np.full(len(pairs.part), 1.0 + 6.0 * world.rates.corner_sd_px)
     matching = match(world.layout, pairs, seen, gate)
-    odds = part_log_odds(world.layout, matching, seen, world.rates)
+    blur = expected_blur(world, hypotheses, views, view, pairs)
+    odds = part_log_odds(world.layout, matching, seen, world.rates, blur)
     found = gather(matching, seen, len(hypotheses), world.rates.corner_sd_px)
-    unseen = np.flatnonzero(matching.detection < 0)
+    unseen = np.flatnonzero((matching.detection < 0) & (blur < RADIUS_PX))
     if seen.edges is not None and unseen.size:
         score, corners = _measure(world, seen, pairs.take(unseen))
         odds[unseen] = np.maximum(edge_log_odds(score), -4.0)

@@ -36,6 +36,8 @@ class Seen:
         sigma_px: ``(D,)`` sd of one corner coordinate.
         class_score: ``(D, K)``.
         source: ``(D,)`` index of each in the detector's list.
+        foremost: ``(D,)`` of the outlines that differ little from each, such as those within and without a reveal, the
+            one that the detector likes best; itself if there is no better.
         edges: the picture prepared for a second look; ``None``: none is taken.
     """
 
@@ -48,6 +50,7 @@ class Seen:
     sigma_px: FloatArray = field(repr=False)
     class_score: FloatArray = field(repr=False)
     source: IntArray = field(repr=False)
+    foremost: IntArray = field(repr=False)
     edges: EdgeField | None = field(default=None, repr=False)
 
     @property
@@ -88,16 +91,30 @@ def see(
         np.concatenate([p.corners_px, np.repeat(p.corners_px[-1:], corners - len(p.corners_px), axis=0)])
         for p in usable
     ]
+    corners_px = np.array(polygons).reshape(-1, corners, 2)
     scores = [[p.class_scores.get(name, 0.0) for name in class_names] for p in usable]
     return Seen(
         camera=camera,
         image_size=image_size,
         group=group,
         zoom=zoom,
-        corners_px=np.array(polygons).reshape(-1, corners, 2),
+        corners_px=corners_px,
         corner_count=np.array([len(p.corners_px) for p in usable], dtype=np.int64),
         sigma_px=np.array([p.sigma_px for p in usable]),
         class_score=np.array(scores).reshape(-1, len(class_names)),
         source=np.array(source, dtype=np.int64),
+        foremost=_foremost(corners_px),
         edges=edges,
     )
+
+
+_ALIKE = 0.15
+
+
+def _foremost(corners_px: FloatArray) -> IntArray:
+    """``(D,)`` the first of ``(D, C, 2)`` outlines whose corners are all within some share of its size from each."""
+    near = _ALIKE * np.ptp(corners_px, axis=1).min(axis=1, initial=np.inf)
+    first = np.arange(len(corners_px))
+    for k in range(len(corners_px) - 1, -1, -1):
+        first[np.abs(corners_px - corners_px[k]).max(axis=(1, 2)) <= near[k]] = k
+    return np.minimum(first, np.arange(len(corners_px)))

@@ -35,6 +35,10 @@ _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
 """At a zoom setting seen for the first time, focal lengths are tried in such steps, and so far beyond the range."""
 
 
+_FOCAL_SD, _CENTRE_SD = 0.05, 0.03
+"""How far guessed internals may be off: the focal length by ratio at the same zoom, the principal point in widths."""
+
+
 @dataclass(frozen=True)
 class World:
     """What stays the same during a run: the model base as arrays, the bench's bounds, and the detector's rates."""
@@ -137,6 +141,21 @@ def expected_parts(
     )
 
 
+def expected_blur(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, pairs: Pairs) -> FloatArray:
+    """``(n,)`` sd, px, of where parts are expected in a view: nought where the view has told its internals.
+
+    Where it has not, they are guessed, and what is expected near the frame's border may well lie beyond it.
+    """
+    seen = views[view]
+    width, height = seen.image_size
+    low, high = focal_range(world.bounds, width)
+    way = min((abs(seen.zoom - other.zoom) for other in views if other is not seen), default=1.0)
+    focal_sd = np.hypot(_FOCAL_SD, 0.25 * way * np.log(high / low))
+    away = np.linalg.norm(pairs.corners_px.mean(axis=1) - np.array([width, height]) / 2, axis=1)
+    unknown = hypotheses.internals[pairs.hypothesis, seen.group, 0] <= 0
+    return np.where(unknown, np.hypot(_CENTRE_SD * width, focal_sd * away), 0.0)
+
+
 def match_view(
     world: World,
     hypotheses: Hypotheses,
@@ -145,8 +164,12 @@ def match_view(
     *,
     loose: float,
     internals: FloatArray | None = None,
+    foremost: bool = False,
 ) -> Hypotheses:
-    """Match one view within a gate of ``loose`` times a part's size, seen through ``internals`` ``(H, 4)`` if given."""
+    """Match one view within a gate of ``loose`` times a part's size, seen through ``internals`` ``(H, 4)`` if given.
+
+    ``foremost``: as for ``match``.
+    """
     seen = views[view]
     if internals is None:
         internals = expected_internals(world, hypotheses, views, view)
@@ -178,7 +201,8 @@ def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: in
     pairs = expected_parts(world, hypotheses, views, view, internals)
     gate = np.full(len(pairs.part), 1.0 + 6.0 * world.rates.corner_sd_px)
     matching = match(world.layout, pairs, seen, gate)
-    odds = part_log_odds(world.layout, matching, seen, world.rates)
+    blur = expected_blur(world, hypotheses, views, view, pairs)
+    odds = part_log_odds(world.layout, matching, seen, world.rates, blur)
     column = view_log_odds(len(hypotheses), pairs.hypothesis, odds, matching.detection >= 0, world.rates)
     table = hypotheses.odds.copy()
     table[:, view] = column
@@ -218,7 +242,9 @@ def _new_zoom_scales(world: World, views: list[Seen], view: int) -> tuple[float,
     return tuple(float(v) for v in np.exp(np.linspace(-half, half, 2 * steps + 1)))
 
 
-def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1) -> Hypotheses:
+def look_in(
+    world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1, foremost: bool = False
+) -> Hypotheses:
     """Find each hypothesis in a view where it may be displaced: the best image shifts, one child hypothesis for each.
 
     Needed for a new view, whose prediction is uncertain, and for an old view of a place that a new view suggests. At a
@@ -248,4 +274,4 @@ def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, 
     best = np.argsort(-np.array(votes), axis=0, kind="stable")[:modes]
     rows = np.repeat(np.arange(n), modes)
     internals = np.array(options)[best.T.ravel(), rows]
-    return match_view(world, hypotheses.take(rows), views, view, loose=0.25, internals=internals)
+    return match_view(world, hypotheses.take(rows), views, view, loose=0.25, internals=internals, foremost=foremost)

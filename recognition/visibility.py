@@ -78,7 +78,7 @@ def parts_in_view(
     margin_px: float = 0.0,
     least_px: float = 8.0,
 ) -> Pairs:
-    """All parts that face the camera, are not hidden by a wall, and lie in the frame.
+    """All parts that face the camera, are nowhere hidden by a wall, and lie in the frame.
 
     Args:
         layout: the model base.
@@ -146,7 +146,7 @@ def _of_object(
     for k in (0, 1):
         whole &= (low[:, k] >= margin_px) & (high[:, k] <= size[k] - 1 - margin_px)
         whole &= high[:, k] - low[:, k] >= least_px
-    whole[whole] = ~_hidden(walls, middle[part[whole]], centre[hypothesis[whole]])
+    whole[whole] = ~_hidden_in_part(layout, walls, part[whole] + span.start, centre[hypothesis[whole]])
     return Pairs(hypothesis[whole], part[whole] + span.start, px[whole], cosine[whole])
 
 
@@ -192,6 +192,24 @@ def _project(
     safe = np.where(z > 1e-6, z, 1e-6)
     fx, fy, u0, v0 = np.moveaxis(internals[:, None], -1, 0)
     return np.stack([fx * x / safe + u0, fy * y / safe + v0], axis=-1), z
+
+
+def _hidden_in_part(layout: Layout, walls: Walls, part: IntArray, eyes: FloatArray) -> BoolArray:
+    """Whether a wall hides some of a part ``(n,)``: such a part is not expected whole. Its corners' rectangle tells."""
+    hidden = np.zeros(len(part), dtype=bool)
+    aside = 0.5 * _CORE * layout.size_mm[part, 0, None] * layout.along[part]
+    below = np.zeros_like(aside)
+    below[:, 1] = 0.5 * _CORE * layout.size_mm[part, 1]
+    for a in (-1.0, 1.0):
+        for b in (-1.0, 1.0):
+            left = np.flatnonzero(~hidden)
+            points = layout.centre_mm[part[left]] + a * aside[left] + b * below[left]
+            hidden[left] = _hidden(walls, points, eyes[left])
+    return hidden
+
+
+_CORE = 0.9
+"""Share of a part's width and height that must not be hidden: a wall that ends beside a part does not hide it."""
 
 
 def _hidden(walls: Walls, points: FloatArray, eyes: FloatArray) -> BoolArray:

@@ -42,6 +42,7 @@ def odds(
     offset_px: float = 0.0,
     rates: DetectionRates = RATES,
     cosine: float = 1.0,
+    blur_px: float = 0.0,
 ) -> FloatArray:
     """Log odds of all parts in the picture, expected ``offset_px`` aside of where they are."""
     shown = visible(TOWER, CAMERA)
@@ -51,7 +52,8 @@ def odds(
     corners = np.array([px for _, px in shown]) + offset_px
     pairs = Pairs(np.zeros(len(ids), dtype=np.int64), ids, corners, np.full(len(ids), cosine))
     seen = see(parts, CAMERA, SIZE, 0, 0.0, WORLD.layout.class_names, 4)
-    return part_log_odds(WORLD.layout, match(WORLD.layout, pairs, seen, np.full(len(ids), 12.0)), seen, rates)
+    matching = match(WORLD.layout, pairs, seen, np.full(len(ids), 12.0))
+    return part_log_odds(WORLD.layout, matching, seen, rates, np.full(len(ids), blur_px))
 
 
 def test_a_part_found_where_expected_speaks_for_and_a_missed_one_against() -> None:
@@ -61,7 +63,7 @@ def test_a_part_found_where_expected_speaks_for_and_a_missed_one_against() -> No
 
 
 def test_farther_corners_speak_less() -> None:
-    near, aside, far = (odds(offset_px=d, rates=DENSE).mean() for d in (0.2, 6.0, 8.0))
+    near, aside, far = (odds(offset_px=d, rates=DENSE).mean() for d in (0.2, 3.0, 4.0))
     assert near > aside > far
 
 
@@ -70,10 +72,26 @@ def test_a_bad_corner_is_doubt_and_no_veto() -> None:
     assert odds(offset_px=7.0).min() > math.log(1 - RATES.found) - 6.0
 
 
+def test_a_worse_fit_counts_less_even_where_the_cap_binds() -> None:
+    exact, aside, far = (odds(offset_px=d).mean() for d in (0.0, 1.0, 2.0))
+    assert exact == pytest.approx(RATES.part_cap)
+    assert exact > aside > far
+
+
+def test_a_fit_within_one_sd_is_as_good_as_any() -> None:
+    assert odds(offset_px=0.3).mean() == pytest.approx(RATES.part_cap)
+
+
+def test_what_stands_in_the_place_is_never_worse_than_nothing() -> None:
+    """However bad the fit, the part may have been missed and the detection be clutter."""
+    assert odds(offset_px=7.0).min() >= math.log(1 - RATES.found)
+
+
 def test_the_likelier_class_speaks_louder() -> None:
     shown = visible(TOWER, CAMERA)
     sure = [DetectedPart(px, {p.part_class: 0.98}, 1.0) for p, px in shown]
-    unsure = [DetectedPart(px, {p.part_class: 0.2}, 1.0) for p, px in shown]
+    other = {"DW4": "OPEN", "OPEN": "DW4"}
+    unsure = [DetectedPart(px, {p.part_class: 0.2, other[p.part_class]: 0.6}, 1.0) for p, px in shown]
     assert (odds(sure, rates=DENSE, offset_px=6.0) > odds(unsure, rates=DENSE, offset_px=6.0)).all()
 
 
@@ -85,6 +103,13 @@ def test_a_part_brings_no_more_than_its_cap() -> None:
 
 def test_a_missed_part_weighs_less_where_it_is_seen_obliquely() -> None:
     assert (odds(parts=[], cosine=0.25) > odds(parts=[], cosine=0.9)).all()
+
+
+def test_a_missed_part_weighs_less_where_it_may_lie_beyond_the_frame() -> None:
+    """Guessed internals move the prediction: what is expected near the border may not be in the picture at all."""
+    sure, unsure = odds(parts=[]), odds(parts=[], blur_px=80.0)
+    assert (unsure >= sure).all()
+    assert unsure.max() > 0.6 * sure.min()
 
 
 def test_a_missed_part_weighs_more_the_better_the_detector_is() -> None:

@@ -98,7 +98,7 @@ def test_parts_that_the_detector_missed_are_found_where_they_are_expected() -> N
 def test_a_bare_wall_where_parts_are_expected_speaks_louder_than_parts_missed() -> None:
     """The detector misses four of ten windows, so to miss some tells little; no edges either tells more."""
     blank = np.asarray(np.random.default_rng(0).normal(150, 2.0, (HEIGHT, WIDTH)).clip(0, 255), dtype=np.uint8)
-    views = [view(CAMERAS[0], 0), replace(view(CAMERAS[1], 1, slice(0, 0)), edges=EdgeField(blank))]
+    views = [view(CAMERAS[0], 0), replace(view(CAMERAS[1], 0, slice(0, 0)), edges=EdgeField(blank))]
     before = rescore(WORLD, settled(views, (0,)), views, range(2))
     after = look_again(WORLD, before, views)
     assert before.odds[0, 1] < 0.0

@@ -202,3 +202,13 @@ def test_two_views_name_object_and_place_among_misses_and_false_detections() -> 
         _, belief = believed(WORLD, views)
         right = true_rows(belief.hypotheses, views[-1], thing, ASIDE, within_mm=25.0)
         assert belief.probability[right].sum() > 0.98
+
+
+def test_a_focal_length_that_views_tell_is_kept_beyond_the_benchs_range() -> None:
+    """The bench's range of the lens is soft: what was fitted to a view must predict that very view."""
+    _, high = focal_range(BOUNDS, SIZE[0])
+    long = INTERNALS * np.array([1.2 * high / INTERNALS[0], 1.2 * high / INTERNALS[0], 1.0, 1.0])
+    views = [seen_from(BASE, BASE.objects[0], FIRST)]
+    known = at_truth(views)
+    known.internals[:, 0] = long
+    assert expected_internals(WORLD, known, views, 0)[0] == pytest.approx(long)
