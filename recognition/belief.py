@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from recognition.geometry import rotation_y
-from recognition.hypotheses import Hypotheses, join, no_matches
+from recognition.hypotheses import Hypotheses, best, join, no_matches
 from recognition.mending import mended
 from recognition.proposals import propose
 from recognition.seen import Seen
@@ -29,6 +29,8 @@ NONE_PRIOR = 0.05
 _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
 _RIVALS, _REPAIRED = 120, 40
 _PER_MATCH = 3.0
+_TELLS = 3
+"""A second view leaves one in so many of the places that a first one suggests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,7 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         ahead = np.arange(min(effort.fresh // 2, len(carried)))
         rest = np.arange(len(ahead), len(carried))
         carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
-    if views[last].count == 0 or (carried is not None and not effort.always_fresh and _explains(world, carried, last)):
+    if views[last].count == 0:
         return _repair(world, carried, views) if carried is not None else Hypotheses.empty(views)
     fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
     everything = fresh if carried is None else join(carried, fresh)
@@ -97,8 +99,7 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
 
 def _repair(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
     """Let the leading hypotheses compete with themselves mended."""
-    order = np.argsort(-hypotheses.log_weight, kind="stable")[:_REPAIRED]
-    children = mended(world, hypotheses.take(order), views)
+    children = mended(world, best(hypotheses, _REPAIRED), views)
     return thin(join(hypotheses, children), views[-1], len(hypotheses)) if len(children) else hypotheses
 
 
@@ -113,14 +114,6 @@ def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most:
     order = np.argsort(-(hypotheses.log_weight + _PER_MATCH * matched), kind="stable")
     ahead = rescore(world, hypotheses.take(order[:most]), views, range(len(views)))
     return join(ahead, score_view(world, hypotheses, views, last))
-
-
-def _explains(world: World, hypotheses: Hypotheses, view: int) -> bool:
-    """Whether a leading hypothesis says nearly all that can be said of a view, and no view speaks against it."""
-    if len(hypotheses) == 0:
-        return False
-    ahead = hypotheses.odds[np.argsort(-hypotheses.log_weight)[:20]]
-    return bool(((ahead[:, view] > 0.6 * world.rates.view_cap) & (ahead > -3.0).all(axis=1)).any())
 
 
 def _fresh(world: World, views: list[Seen], effort: Effort, most: int) -> Hypotheses:
@@ -139,9 +132,12 @@ def _fresh(world: World, views: list[Seen], effort: Effort, most: int) -> Hypoth
     if len(proposals.part) == 0:
         return Hypotheses.empty(views)
     fresh = thin(start(world, proposals, views, last), views[last], most)
-    for k in range(last - 1, -1, -1):
-        if views[k].count:
-            fresh = look_in(world, fresh, views, k)
+    # One view of regular rows suggests more places than can be tried on all views; another with much in it tells most.
+    earlier = sorted((k for k in range(last) if views[k].count), key=lambda k: -views[k].count)
+    for k in earlier:
+        fresh = look_in(world, fresh, views, k)
+        if k == earlier[0] and len(earlier) > 1:
+            fresh = thin(rescore(world, fresh, views, (k, last)), views[last], max(1, most // _TELLS))
     return settle(world, fresh, views)
 
 

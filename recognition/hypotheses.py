@@ -177,6 +177,11 @@ def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> 
     return ViewMatches(part, px, weight)
 
 
+def best(hypotheses: Hypotheses, most: int) -> Hypotheses:
+    """The ones of greatest weight, best first."""
+    return hypotheses.take(np.argsort(-hypotheses.log_weight, kind="stable")[:most])
+
+
 def forget(hypotheses: Hypotheses, which: BoolArray) -> Hypotheses:
     """Take back the matches of some views ``(H, V)``."""
     matches = []

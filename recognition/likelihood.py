@@ -68,7 +68,7 @@ def part_log_odds(
 
 
 def _rate(pairs: Pairs, seen: Seen, rates: DetectionRates, blur_px: FloatArray) -> FloatArray:
-    """Detection rate of each expected part: lower at the frame's border, perhaps beyond it, seen obliquely, or small."""
+    """Detection rate of each expected part: lower near the frame's border, seen obliquely, or small."""
     if len(pairs.part) == 0:
         return np.empty(0)
     low, high = bounding_box(pairs.corners_px)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.association import match, vote_shift
-from recognition.hypotheses import Hypotheses, forget, gather, join, refine
+from recognition.hypotheses import Hypotheses, best, forget, gather, join, refine
 from recognition.likelihood import most_log_odds
 from recognition.seen import Seen
 from recognition.tracking import World, expected_blur, expected_internals, expected_parts, look_in, part_gate, rescore
@@ -26,7 +26,9 @@ _SHORT = 2.5
 _HOPELESS = 5.0
 """One that would stay so many nats behind the best even if nothing were wanting is not worth its time."""
 _MODES = 4
-"""In how many ways a view is found anew: the one with most votes is not always right."""
+"""In how many ways, at most, a view is found anew: the one with most votes is not always right."""
+_CHILDREN = 80
+"""About so many are tried."""
 _REACH_PX = 60.0
 """How far parts may be displaced against those matched in the same view, for 1,280 px width."""
 
@@ -46,7 +48,8 @@ def mended(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypothese
     if len(children) == 0:
         return children
     every = range(len(views))
-    return rescore(world, rescore(world, children, views, every), views, every)
+    ahead = best(rescore(world, children, views, every), _CHILDREN // 2)
+    return rescore(world, ahead, views, every)
 
 
 def shortfall(world: World, hypotheses: Hypotheses, views: list[Seen]) -> FloatArray:
@@ -69,10 +72,10 @@ def _found_anew(world: World, hypotheses: Hypotheses, views: list[Seen], which: 
     for k in range(len(views)):
         lacking, rest = np.flatnonzero(which[:, k]), np.flatnonzero(~which[:, k])
         if lacking.size:
-            again = look_in(world, children.take(lacking), views, k, modes=_MODES, foremost=True)
+            modes = max(1, _CHILDREN // (2 * lacking.size))
+            again = look_in(world, children.take(lacking), views, k, modes=min(modes, _MODES), foremost=True)
             children = join(children.take(rest), again)
-            which = np.concatenate([which[rest], np.repeat(which[lacking], _MODES, axis=0)])
-            which[:, k] = False
+            which = np.concatenate([which[rest], np.repeat(which[lacking], len(again) // lacking.size, axis=0)])
     return children
 
 

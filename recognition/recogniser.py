@@ -96,7 +96,6 @@ class _State:
     groups: dict[float, int]
     hypotheses: Hypotheses | None
     belief: Belief
-    challenged: tuple[int, FloatArray] | None = None
 
     @staticmethod
     def begin(rig: Rig, world: World, settings: RecogniserSettings) -> _State:
@@ -125,14 +124,12 @@ class _State:
         self.belief = weigh(self.world, hypotheses)
 
     def _try_rivals(self) -> None:
-        """Once for each leading place that is about to win: let all places alike compete on all views."""
+        """When a place is about to win, let all places alike compete with it on all views."""
         belief = self.belief
         if len(belief.hypotheses) == 0 or len(self.views) < 2:
             return
         group = leading_group(self.world, belief, self.views)
         if belief.probability[group].sum() < (_ABOUT_TO_WIN if len(self.views) < 4 else _AHEAD):
-            return
-        if not self.settings.effort.always_fresh and self._tried_before(belief.hypotheses):
             return
         challengers = rivals(self.world, belief.hypotheses, self.views, 0)
         if len(challengers) == 0:
@@ -141,15 +138,6 @@ class _State:
         self._believe(
             thin(join(belief.hypotheses, self._look_again(best)), self.views[-1], len(belief.hypotheses) + 40)
         )
-
-    def _tried_before(self, hypotheses: Hypotheses) -> bool:
-        """Whether the leading place has met its rivals already: they are tracked since."""
-        thing, placement = int(hypotheses.object_of[0]), hypotheses.placement[0]
-        before, self.challenged = self.challenged, (thing, placement)
-        if before is None or before[0] != thing:
-            return False
-        away = float(np.linalg.norm(before[1][1:] - placement[1:]))
-        return away < 0.3 * float(self.world.layout.size_mm.min()) and abs(before[1][0] - placement[0]) < 0.05
 
     def _seen(self, frame: Frame, parts: Sequence[DetectedPart]) -> Seen:
         height, width = frame.image.shape[:2]

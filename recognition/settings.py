@@ -52,7 +52,6 @@ class Effort:
         focals: focal lengths tried for a proposal where the view leaves it open.
         proposals: (detection, part) pairs of the first view that become hypotheses.
         fresh: starts of a later view that are tried on all earlier views.
-        always_fresh: propose places from a later view even if the hypotheses carried on explain it well.
         tracked: hypotheses kept.
         refined: tracked hypotheses whose placement is refined with a new view, those first that match most of it.
         modes: image shifts tried for each tracked hypothesis in a new view.
@@ -66,8 +65,7 @@ class Effort:
     per_part: int = 1
     focals: int = 2
     proposals: int = 2500
-    fresh: int = 100
-    always_fresh: bool = False
+    fresh: int = 300
     tracked: int = 2500
     refined: int = 600
     modes: int = 1
@@ -87,7 +85,6 @@ class Effort:
             focals=3,
             proposals=600,
             fresh=200,
-            always_fresh=True,
             tracked=300,
             modes=2,
             second_looks=40,

@@ -21,7 +21,7 @@ from recognition.proposals import Proposals, Surroundings, focal_range, surround
 from recognition.rates import DetectionRates
 from recognition.seen import Seen
 from recognition.settings import BenchBounds
-from recognition.visibility import Pairs, Walls, bounding_box, parts_in_view, walls_of
+from recognition.visibility import Pairs, Walls, bounding_box, enlarged, parts_in_view, walls_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -29,6 +29,8 @@ IntArray = npt.NDArray[np.int64]
 _REACH_PX = (320.0, 120.0, 60.0)
 """How far a view's picture may lie from its prediction after one, two, three and more views, for 1,280 px width."""
 _REACH_NEW_PX = 260.0
+_BEYOND_PX = 120.0
+"""How far beyond the frame parts are expected when a view is searched."""
 _BEYOND_COST = 40.0
 """What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
 _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
@@ -261,10 +263,12 @@ def look_in(
     reach = np.array(_REACH_PX)[np.clip(matched - 1, 0, len(_REACH_PX) - 1)]
     reach = np.where(new, np.maximum(reach, _REACH_NEW_PX), reach) * seen.image_size[0] / 1280.0
     options, votes = [], []
+    widest = guess * np.array([scales[0], scales[0], 1.0, 1.0])
+    shown = expected_parts(world, hypotheses, views, view, widest, margin_px=-_BEYOND_PX)
     for scale in scales:
         internals = guess.copy()
         internals[:, :2] *= scale
-        pairs = expected_parts(world, hypotheses, views, view, internals, margin_px=-120.0)
+        pairs = enlarged(shown, guess[:, 2:], scale / scales[0], seen.image_size, _BEYOND_PX)
         shifts, counts = vote_shift(pairs, seen, n, reach, modes=modes)
         for mode in range(modes):
             moved = internals.copy()

@@ -92,25 +92,46 @@ def parts_in_view(
         least_px: parts smaller than this are left out.
     """
     pan, centre = camera_in_objects(placement, camera) if camera.ndim == 1 else _each(placement, camera)
-    found = []
+    rows, parts = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     for thing in np.unique(object_of):
-        rows = np.flatnonzero(object_of == thing)
-        span = slice(int(layout.first[thing]), int(layout.first[thing + 1]))
-        pairs = _of_object(
-            layout, walls[thing], rows, span, pan, centre, internals, np.array(image_size), margin_px, least_px
-        )
-        found.append(pairs)
-    if not found:
-        c = layout.corners_mm.shape[1]
-        nothing = np.empty(0, dtype=np.int64)
-        return Pairs(nothing, nothing, np.empty((0, c, 2)), np.empty(0))
-    order = np.argsort(np.concatenate([f.hypothesis for f in found]), kind="stable")
-    return Pairs(
-        np.concatenate([f.hypothesis for f in found])[order],
-        np.concatenate([f.part for f in found])[order],
-        np.concatenate([f.corners_px for f in found])[order],
-        np.concatenate([f.cosine for f in found])[order],
-    )
+        mine = np.flatnonzero(object_of == thing)
+        first, end = int(layout.first[thing]), int(layout.first[thing + 1])
+        middle, normal = layout.centre_mm[first:end], layout.normal[first:end]
+        row, part = _in_sight(middle, normal, pan[mine], centre[mine], internals[mine], image_size)
+        rows.append(mine[row])
+        parts.append(part + first)
+    hypothesis, part = np.concatenate(rows), np.concatenate(parts)
+    ray = layout.centre_mm[part] - centre[hypothesis]
+    cosine = -(ray * layout.normal[part]).sum(axis=1) / np.maximum(np.sqrt((ray**2).sum(axis=1)), 1e-9)
+    kept = np.flatnonzero(cosine > LEAST_COSINE)
+    kept = kept[np.argsort(hypothesis[kept], kind="stable")]
+    hypothesis, part, cosine = hypothesis[kept], part[kept], cosine[kept]
+    px, depth = _project(layout.corners_mm[part], pan[hypothesis], centre[hypothesis], internals[hypothesis])
+    low, high = bounding_box(px)
+    whole = np.asarray((depth > 0).all(axis=1))
+    for k in (0, 1):
+        whole &= (low[:, k] >= margin_px) & (high[:, k] <= image_size[k] - 1 - margin_px)
+        whole &= high[:, k] - low[:, k] >= least_px
+    whole[whole] = ~_hidden_in_part(layout, walls, object_of[hypothesis[whole]], part[whole], centre[hypothesis[whole]])
+    return Pairs(hypothesis[whole], part[whole], px[whole], cosine[whole])
+
+
+def enlarged(
+    pairs: Pairs, centre_px: FloatArray, factor: float, image_size: tuple[int, int], beyond_px: float
+) -> Pairs:
+    """What is left in the frame when focal lengths grow by a factor, about principal points ``(H, 2)``.
+
+    Which parts face the camera and are not hidden does not depend on the internals. The frame reaches ``beyond_px``
+    beyond the picture, for corners; the middle of a part must be in the picture.
+    """
+    size = np.array(image_size)
+    centre = centre_px[pairs.hypothesis][:, None]
+    corners = (pairs.corners_px - centre) * factor + centre
+    low, high = bounding_box(corners)
+    middle = (low + high) / 2
+    inside = (low >= -beyond_px) & (high <= size - 1 + beyond_px) & (middle > 0) & (middle < size)
+    rows = np.flatnonzero(inside.all(axis=1))
+    return Pairs(pairs.hypothesis[rows], pairs.part[rows], corners[rows], pairs.cosine[rows])
 
 
 def _each(placement: FloatArray, camera: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -121,42 +142,13 @@ def _each(placement: FloatArray, camera: FloatArray) -> tuple[FloatArray, FloatA
     return camera[:, 0] + phi, centre
 
 
-def _of_object(
-    layout: Layout,
-    walls: Walls,
-    rows: IntArray,
-    span: slice,
-    pan: FloatArray,
-    centre: FloatArray,
-    internals: FloatArray,
-    size: npt.NDArray[np.int64],
-    margin_px: float,
-    least_px: float,
-) -> Pairs:
-    middle = layout.centre_mm[span]
-    row, part = _in_sight(middle, layout.normal[span], pan[rows], centre[rows], internals[rows], size)
-    hypothesis = rows[row]
-    ray = middle[part] - centre[hypothesis]
-    cosine = -np.einsum("nk,nk->n", ray, layout.normal[span][part]) / np.maximum(np.linalg.norm(ray, axis=1), 1e-9)
-    facing = cosine > LEAST_COSINE
-    hypothesis, part, cosine = hypothesis[facing], part[facing], cosine[facing]
-    px, depth = _project(layout.corners_mm[span][part], pan[hypothesis], centre[hypothesis], internals[hypothesis])
-    low, high = bounding_box(px)
-    whole = np.asarray((depth > 0).all(axis=1))
-    for k in (0, 1):
-        whole &= (low[:, k] >= margin_px) & (high[:, k] <= size[k] - 1 - margin_px)
-        whole &= high[:, k] - low[:, k] >= least_px
-    whole[whole] = ~_hidden_in_part(layout, walls, part[whole] + span.start, centre[hypothesis[whole]])
-    return Pairs(hypothesis[whole], part[whole] + span.start, px[whole], cosine[whole])
-
-
 def _in_sight(
     middle: FloatArray,
     normal: FloatArray,
     pan: FloatArray,
     centre: FloatArray,
     internals: FloatArray,
-    size: npt.NDArray[np.int64],
+    size: tuple[int, int],
 ) -> tuple[IntArray, IntArray]:
     """(row, part) whose centres face the camera and lie in the frame; dense over all parts, so in matrix products."""
     c, s = np.cos(pan), np.sin(pan)
@@ -194,17 +186,19 @@ def _project(
     return np.stack([fx * x / safe + u0, fy * y / safe + v0], axis=-1), z
 
 
-def _hidden_in_part(layout: Layout, walls: Walls, part: IntArray, eyes: FloatArray) -> BoolArray:
+def _hidden_in_part(layout: Layout, walls: list[Walls], thing: IntArray, part: IntArray, eyes: FloatArray) -> BoolArray:
     """Whether a wall hides some of a part ``(n,)``: such a part is not expected whole. Its corners' rectangle tells."""
     hidden = np.zeros(len(part), dtype=bool)
     aside = 0.5 * _CORE * layout.size_mm[part, 0, None] * layout.along[part]
     below = np.zeros_like(aside)
     below[:, 1] = 0.5 * _CORE * layout.size_mm[part, 1]
-    for a in (-1.0, 1.0):
-        for b in (-1.0, 1.0):
-            left = np.flatnonzero(~hidden)
-            points = layout.centre_mm[part[left]] + a * aside[left] + b * below[left]
-            hidden[left] = _hidden(walls, points, eyes[left])
+    middle = layout.centre_mm[part]
+    corners = np.stack([middle + a * aside + b * below for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
+    for one in np.unique(thing):
+        rows = np.flatnonzero(thing == one)
+        points = corners[:, rows].reshape(-1, 3)
+        blocked = _hidden(walls[one], points, np.tile(eyes[rows], (len(corners), 1)))
+        hidden[rows] = blocked.reshape(len(corners), -1).any(axis=0)
     return hidden
 
 
@@ -214,15 +208,14 @@ _CORE = 0.9
 
 def _hidden(walls: Walls, points: FloatArray, eyes: FloatArray) -> BoolArray:
     """Whether a wall that faces the eye stands between the eye and the point, both ``(n, 3)``."""
-    hidden = np.zeros(len(points), dtype=bool)
     ray = points - eyes
-    for origin, right, down, normal in zip(walls.origin, walls.right, walls.down, walls.normal, strict=True):
-        slope = ray @ normal
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ((origin - eyes) @ normal) / slope
-            hit = eyes + t[:, None] * ray - origin
-            a, b = hit @ right / (right @ right), hit @ down / (down @ down)
+    slope = ray @ walls.normal.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = ((walls.origin * walls.normal).sum(axis=1) - eyes @ walls.normal.T) / slope
         # The part's own wall is met at t = 1 and must not hide it.
-        blocks = (slope < 0) & (t > 0) & (t < 0.98) & (a > 0) & (a < 1) & (b > 0) & (b < 1)
-        hidden |= blocks
-    return hidden
+        blocks = (slope < 0) & (t > 0) & (t < 0.98)
+        for side in (walls.right, walls.down):
+            square = (side**2).sum(axis=1)
+            at = (eyes @ side.T - (walls.origin * side).sum(axis=1) + t * (ray @ side.T)) / square
+            blocks &= (at > 0) & (at < 1)
+    return np.asarray(blocks.any(axis=1))

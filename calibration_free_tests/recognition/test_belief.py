@@ -119,7 +119,7 @@ def test_a_wrong_first_view_is_overcome_later(world: World) -> None:
     wrong = seen_from(BASE, BASE.objects[2], CAMERAS[0], group=0)
     right = [replace(v, group=v.group + 1) for v in views_of(1, CAMERAS)]
     views = [wrong, *right]
-    effort = replace(Effort(), always_fresh=True)
+    effort = Effort()
     _, early = believed(world, views[:1], effort)
     assert early.by_object(3).argmax() == 2
     _, late = believed(world, views, effort)
@@ -131,7 +131,7 @@ def test_a_dropped_place_comes_back_when_it_explains_what_is_seen(world: World) 
     hypotheses, _ = believed(world, views[:2])
     others = hypotheses.take(np.flatnonzero(hypotheses.object_of != 1))
     assert len(others)
-    belief = weigh(world, update(world, others, views, replace(Effort(), always_fresh=True)))
+    belief = weigh(world, update(world, others, views, Effort()))
     assert belief.probability[true_rows(belief.hypotheses, views[-1], 1, CAMERAS[2], 30.0)].sum() > 0.9
 
 
