@@ -55,6 +55,20 @@ def test_json_is_the_only_thing_on_stdout(tmp_path: Path, capsys: pytest.Capture
     assert "374" in streams.err
 
 
+def test_a_reader_that_closes_the_pipe_loses_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Closed:
+        def write(self, _: str) -> int:
+            raise BrokenPipeError
+
+        def flush(self) -> None:
+            pass
+
+    monkeypatch.setattr(sys, "stdout", Closed())
+    with pytest.raises(BrokenPipeError):
+        watch_run(scripted_steps(), keeper(tmp_path / "run"), as_json=True)
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
 def test_person_gets_table_answer_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert watch_run(scripted_steps(), keeper(tmp_path / "run"), as_json=False)[0] == 0
     text = capsys.readouterr().out

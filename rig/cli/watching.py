@@ -28,13 +28,21 @@ def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> tuple[int, An
             answer = watch(keeper.record(steps, stop), table.show)
         print(summary(answer), file=stream)
     finally:
-        if as_json and keeper.answer is not None:
-            print(json.dumps(keeper.result(), ensure_ascii=False, allow_nan=False))
-        if keeper.folder is not None and keeper.answer is not None:
-            print(f"report: {write_report(keeper.folder)}", file=stream)
+        if keeper.answer is not None:
+            _tell(keeper, as_json)
     if keeper.interrupted:
         return INTERRUPTED, answer
     return DONE if answer.outcome is Outcome.RECOGNISED else NOT_RECOGNISED, answer
+
+
+def _tell(keeper: RunRecorder, as_json: bool) -> None:
+    """Write the report and print the result: a reader who closes the pipe early loses no report, a full disk no result."""
+    try:
+        if keeper.folder is not None:
+            print(f"report: {write_report(keeper.folder)}", file=sys.stderr if as_json else sys.stdout)
+    finally:
+        if as_json:
+            print(json.dumps(keeper.result(), ensure_ascii=False, allow_nan=False))
 
 
 def new_run_folder(out: Path | None, as_json: bool, label: str, now: datetime) -> Path | None:
