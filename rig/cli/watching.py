@@ -36,7 +36,7 @@ def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> tuple[int, An
 
 
 def _tell(keeper: RunRecorder, as_json: bool) -> None:
-    """Write the report and print the result: a reader who closes the pipe early loses no report, a full disk no result."""
+    """Write the report, print the result: a reader who closes the pipe loses no report, a full disk no result."""
     try:
         if keeper.folder is not None:
             print(f"report: {write_report(keeper.folder)}", file=sys.stderr if as_json else sys.stdout)
