@@ -123,12 +123,13 @@ def vote_shift(
     across = (np.arange(side) - half) * bin_px
     # Of equal votes the smaller shift is the likelier.
     far = (0.4 * np.hypot(across[:, None], across[None]) / max(reach, 1.0)).astype(np.float32)
-    owner, cell = _votes(pairs, seen, reach_px, bin_px, half)
+    owner, cell, weight = _votes(pairs, seen, reach_px, bin_px, half)
     for begin in range(0, hypotheses, _VOTERS):
         end = min(begin + _VOTERS, hypotheses)
         first, last = np.searchsorted(owner, [begin, end])
         votes = np.zeros((end - begin, side + 2, side + 2), dtype=np.float32)
-        np.add.at(votes, (owner[first:last] - begin, cell[first:last, 1] + 1, cell[first:last, 0] + 1), 1.0)
+        row, column = cell[first:last, 1] + 1, cell[first:last, 0] + 1
+        np.add.at(votes, (owner[first:last] - begin, row, column), weight[first:last])
         rows = votes[:, :-2] + votes[:, 1:-1] + votes[:, 2:]
         smooth = rows[:, :, :-2] + rows[:, :, 1:-1] + rows[:, :, 2:] + 0.5 * votes[:, 1:-1, 1:-1] - far
         here = np.arange(end - begin)
@@ -143,10 +144,13 @@ def vote_shift(
 
 
 _VOTERS = 512
+_LEAST_VOTE = 0.3
 
 
-def _votes(pairs: Pairs, seen: Seen, reach_px: FloatArray, bin_px: float, half: int) -> tuple[IntArray, IntArray]:
-    """Votes as (hypothesis ``(m,)`` rising, cell ``(m, 2)``): one of a part for a cell, however many stand there."""
+def _votes(
+    pairs: Pairs, seen: Seen, reach_px: FloatArray, bin_px: float, half: int
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Votes as (hypothesis ``(m,)`` rising, cell ``(m, 2)``, weight ``(m,)``): of a part for a cell the loudest."""
     low, high = bounding_box(pairs.corners_px)
     middle, size = (low + high) / 2, np.maximum(high - low, 1.0)
     limit = reach_px[pairs.hypothesis][:, None]
@@ -156,11 +160,14 @@ def _votes(pairs: Pairs, seen: Seen, reach_px: FloatArray, bin_px: float, half: 
         near &= np.abs(seen_middle[None, :, k] - middle[:, k, None]) <= limit
         near &= np.abs(log_seen[None, :, k] - log_size[:, k, None]) < 0.3
     row, det = np.nonzero(near)
+    weight = _LEAST_VOTE + (1.0 - _LEAST_VOTE) * seen.likeness[det]
+    loudest = np.argsort(-weight, kind="stable")
+    row, det, weight = row[loudest], det[loudest], weight[loudest]
     cell = np.rint((seen_middle[det] - middle[row]) / bin_px).astype(np.int64) + half
     side = 2 * half + 1
-    key = np.unique((row * side + cell[:, 1]) * side + cell[:, 0])
+    key, first = np.unique((row * side + cell[:, 1]) * side + cell[:, 0], return_index=True)
     row, place = np.divmod(key, side * side)
-    return pairs.hypothesis[row], np.stack([place % side, place // side], axis=1)
+    return pairs.hypothesis[row], np.stack([place % side, place // side], axis=1), weight[first]
 
 
 def _silence(votes: npt.NDArray[np.float32], row: IntArray, column: IntArray) -> None:

@@ -35,6 +35,7 @@ class Seen:
         corner_count: ``(D,)``.
         sigma_px: ``(D,)`` sd of one corner coordinate.
         class_score: ``(D, K)``.
+        likeness: ``(D,)`` how much each looks like a part beside the best of the view, 0..1.
         source: ``(D,)`` index of each in the detector's list.
         foremost: ``(D,)`` of the outlines that differ little from each, such as those within and without a reveal, the
             one that the detector likes best; itself if there is no better.
@@ -49,6 +50,7 @@ class Seen:
     corner_count: IntArray = field(repr=False)
     sigma_px: FloatArray = field(repr=False)
     class_score: FloatArray = field(repr=False)
+    likeness: FloatArray = field(repr=False)
     source: IntArray = field(repr=False)
     foremost: IntArray = field(repr=False)
     edges: EdgeField | None = field(default=None, repr=False)
@@ -102,10 +104,16 @@ def see(
         corner_count=np.array([len(p.corners_px) for p in usable], dtype=np.int64),
         sigma_px=np.array([p.sigma_px for p in usable]),
         class_score=np.array(scores).reshape(-1, len(class_names)),
+        likeness=_likeness(np.array([p.confidence for p in usable])),
         source=np.array(source, dtype=np.int64),
         foremost=_foremost(corners_px),
         edges=edges,
     )
+
+
+def _likeness(confidence: FloatArray) -> FloatArray:
+    """``(D,)`` confidences by that of the best."""
+    return np.asarray(confidence / max(float(confidence.max(initial=0.0)), 1e-9))
 
 
 _ALIKE = 0.15

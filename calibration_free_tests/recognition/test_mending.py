@@ -64,6 +64,7 @@ def only_panes(seen: Seen) -> Seen:
         sigma_px=seen.sigma_px[rows],
         class_score=seen.class_score[rows],
         source=seen.source[rows],
+        likeness=seen.likeness[rows],
         foremost=np.arange(len(rows)),
     )
 
