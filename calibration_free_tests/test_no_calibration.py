@@ -45,6 +45,7 @@ from recognition.recogniser import recognise
 from recognition.seen import Seen
 from recognition.settings import BenchBounds, Effort, RecogniserSettings
 from recognition.steps import Answer, Outcome
+from recognition.summary import leading_group, pose_sd
 from rig.bench import BenchFile
 from rig.hal import Camera, Frame, Rig, RigPose, Zoom
 
@@ -123,6 +124,9 @@ def views_through(internals: Callable[[int], np.ndarray]) -> tuple[list[Seen], C
     return views, places[-1]
 
 
+AXES = ("x_mm", "y_mm", "z_mm")
+
+
 def belief_of(views: list[Seen]) -> Belief:
     world = world_of(BASE)
     hypotheses = None
@@ -150,7 +154,11 @@ def test_a_recognition_does_not_depend_on_the_internals_of_its_views(
     placement = belief.hypotheses.placement[0]
     camera = camera_in_object(views[-1].camera, Pose4.of(float(np.degrees(placement[0])), placement[1:]))
     assert belief.by_object(3)[0] > 0.99
-    assert np.linalg.norm(camera.centre_mm - truth.centre_mm) < 12.0
+    # A principal point 30 px aside, where the prior has an sd of 19 px, pulls the pose: as far as its sd tells.
+    world = world_of(BASE)
+    sd = pose_sd(belief, views, leading_group(world, belief, views))
+    assert np.linalg.norm(camera.centre_mm - truth.centre_mm) < 3.0 * np.linalg.norm([sd[k] for k in AXES])
+    assert max(sd[k] for k in AXES) < 8.0
     assert abs(camera.theta_deg - truth.theta_deg) < 1.5
 
 

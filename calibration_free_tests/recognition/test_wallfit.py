@@ -29,7 +29,7 @@ def internals(seed: int) -> FloatArray:
 
 
 @given(
-    turn_deg=st.floats(-65, 65),
+    turn_deg=st.floats(-60, 60),
     x_mm=st.floats(-60, 60),
     y_mm=st.floats(-60, 60),
     distance_mm=st.floats(350, 2000),
