@@ -7,8 +7,8 @@ internals of every view, and the start among the reachable views that show at le
 object, and the place on it: the camera within 30 mm (half the least spacing of parts) and 10 degrees of the truth at
 the last view, or most parts that the answer claims to see there are the very ones that are there (from one or two views
 the distance may be unsure by more than 30 mm without any doubt about the place). How many are within 30 mm and 10
-degrees is told, too. The bench is the demonstration's; no sureness is asked. A run may take 12 views whatever the
-policy; those that end undecided count with the views that they took.
+degrees is told, too. The bench is the demonstration's; no more sureness is asked than by default. A run may take 12
+views whatever the policy; those that end undecided count with the views that they took.
 With ``--keep`` a run that was cut off goes on; with ``--jobs 1`` the times are those of a process that has all cores.
 """
 

@@ -57,7 +57,6 @@ class Effort:
         modes: image shifts tried for each tracked hypothesis in a new view.
         second_looks: leading hypotheses whose missed parts are looked for again along their outlines; 0: none.
         candidates: next views compared.
-        sampled: hypotheses that the planner compares.
     """
 
     detections: int = 40
@@ -71,7 +70,6 @@ class Effort:
     modes: int = 1
     second_looks: int = 0
     candidates: int = 120
-    sampled: int = 40
 
     @staticmethod
     def for_clutter(clutter: float) -> Effort:
@@ -103,7 +101,7 @@ class RecogniserSettings:
         max_views: views after which the run ends whatever is left.
         seed: of the random generator; the same seed gives the same run.
         detector: name in the entry-point group ``rig.detectors``.
-        pose_sd_mm: go on until the camera's position is this sure, mm; ``None``: do not ask.
+        pose_sd_mm: go on until the camera's position is this sure, mm; ``None``: to 5 % of the distance to the parts.
         pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask.
         bounds: what the bench knows about distances and the lens.
         mount: how the camera hangs on the rig.

@@ -141,7 +141,10 @@ class DetectionEntry(_Strict):
 
 
 class Goal(_Strict):
-    """How sure the pose must be before a run ends, as standard deviations; what is left out is not asked."""
+    """How sure the pose must be before a run ends, as standard deviations.
+
+    Left out, the position is wanted to 5 % of the distance to the parts, and of the pan nothing is asked.
+    """
 
     pose_sd_mm: Positive | None = None
     pose_sd_deg: Positive | None = None

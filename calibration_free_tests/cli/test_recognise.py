@@ -88,6 +88,19 @@ def test_impossible_start_is_bad_input(
     assert not asked
 
 
+def test_a_start_beyond_the_benchs_limits_is_bad_input(
+    grid: Path, tmp_path: Path, rig: Callable[..., int], asked: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A picture of the grid, at a pose that the bench file does not allow."""
+    low, high = sorted(frames(grid), key=lambda frame: float(frame["x_mm"]))[:: len(frames(grid)) - 1]
+    limit = (low["x_mm"] + high["x_mm"]) / 2
+    bench = tmp_path / "bench.yaml"
+    bench.write_text(f"schema: 1\nkind: mock\naxes:\n  x_mm: {{lower: {low['x_mm'] - 1}, upper: {limit}}}\n")
+    assert rig(str(bench), "--start", high["file"]) == 2
+    assert "x_mm" in capsys.readouterr().err
+    assert not asked
+
+
 def test_paper_mode_brings_its_own_policy_and_threshold(rig: Callable[..., int], asked: dict[str, Any]) -> None:
     rig("--mode", "paper", "--json")
     assert (asked["settings"].mode, asked["settings"].policy, asked["settings"].threshold) == ("paper", "paper", 1.0)

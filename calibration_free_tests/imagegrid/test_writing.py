@@ -196,3 +196,9 @@ def test_the_picture_is_on_the_disk_before_its_line(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(Path, "replace", traced_replace)
     writer.add(frame_at(lattice()[0]), "images/a.png")
     assert trace == ["fsync .a.png.part", "rename a.png", "fsync images", "fsync frames.jsonl"]
+
+
+def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match="cannot be made"):
+        GridWriter(tmp_path / "file" / "grid", GridInfo())

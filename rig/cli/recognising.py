@@ -186,19 +186,29 @@ def recognise(
     rng = np.random.default_rng([seed, 5])
     with open_rig(config, grid, allow_partial=allow_partial, rng=rng, notice=notice) as rig:
         if start is not None:
-            rig.move_to(start_pose(start, rig))
+            _move_to_start(start, rig)
         settings = on_bench(settings, config)
         code, _ = _run(rig, base, settings, out, as_json, bench=config.name, label=base.name)
     raise typer.Exit(code)
+
+
+def _move_to_start(text: str, rig: ImageGridRig) -> None:
+    from rig.errors import InputError, UnreachableError
+
+    try:
+        rig.move_to(start_pose(text, rig))
+    except UnreachableError as error:
+        raise InputError(str(error), where="--start") from error
 
 
 def start_pose(text: str, rig: ImageGridRig) -> RigPose:
     """The pose that ``--start`` means: that of a picture of the grid, or the reachable one nearest to the pose given.
 
     Raises:
-        InputError: no such picture, not a pose, or a pose outside the limits.
+        InputError: no such picture, or not a pose.
+        UnreachableError: a pose outside the limits.
     """
-    from rig.errors import InputError, UnreachableError
+    from rig.errors import InputError
     from rig.hal import RigPose
 
     try:
@@ -209,10 +219,7 @@ def start_pose(text: str, rig: ImageGridRig) -> RigPose:
         raise InputError(
             f"{text!r} has {len(values)} numbers", where="--start", remedy="Give x,y,z,theta or x,y,z,theta,zoom"
         )
-    try:
-        return rig.nearest(RigPose(*values[:4], *(values[4:] or [rig.pose.zoom])))
-    except UnreachableError as error:
-        raise InputError(str(error), where="--start") from error
+    return rig.nearest(RigPose(*values[:4], *(values[4:] or [rig.pose.zoom])))
 
 
 def chosen(option: str, name: str, group: str) -> str:

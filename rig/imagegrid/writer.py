@@ -43,6 +43,10 @@ class GridWriter:
             raise InputError("holds an image grid already", where=str(folder), remedy="Name another folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
+        except OSError as failure:
+            why = f"the folder cannot be made ({failure.strerror or failure})"
+            raise InputError(why, where=str(folder), remedy="Name another folder") from failure
+        try:
             _write_whole(folder / INFO, _info_yaml(info).encode())
             _write_whole(folder / MANIFEST, b"")
         except OSError as failure:
