@@ -1,8 +1,9 @@
-"""Whatever two clients command and whatever the devices do meanwhile, nothing moves that must not, and nothing hangs."""
+"""Whatever two clients command and whatever the devices do meanwhile: nothing moves that must not, nothing hangs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -37,7 +38,9 @@ devices = st.integers(0, 3)
 class TwoClients(RuleBasedStateMachine):
     """The second client, and the world, act while the first one's command is under way: on the simulated clock."""
 
-    @initialize(overshoot=st.sampled_from([{}, {"x_mm": 1.0, "theta_deg": -2.0}]), unhomed_jog_mm=st.sampled_from([0, 5]))
+    @initialize(
+        overshoot=st.sampled_from([{}, {"x_mm": 1.0, "theta_deg": -2.0}]), unhomed_jog_mm=st.sampled_from([0, 5])
+    )
     def set_up(self, overshoot: dict[str, float], unhomed_jog_mm: float) -> None:
         rules = replace(RULES, overshoot=overshoot, unhomed_jog_mm=unhomed_jog_mm)
         self.bench = bench(rules)
@@ -79,10 +82,8 @@ class TwoClients(RuleBasedStateMachine):
 
     def attempt(self, command: Callable[[], Any]) -> None:
         """What a client does: an error of ours is an answer, any other is a bug."""
-        try:
+        with suppress(RigError):
             command()
-        except RigError as error:
-            assert str(error)
 
     def timed(self, command: Callable[[], Any]) -> None:
         begun_s = self.clock.now_s()

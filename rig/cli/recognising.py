@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from recognition.settings import RecogniserSettings
     from recognition.steps import Answer
     from rig.bench import BenchConfig
+    from rig.guard import Guard
     from rig.hal import Rig, RigPose
     from sim_backends.image_grid_rig import ImageGridRig
 
@@ -146,6 +147,7 @@ def recognise(
     allow_partial: Annotated[
         bool, typer.Option("--allow-partial", help="Go on where the image grid lacks pictures.")
     ] = False,
+    home: Annotated[bool, typer.Option("--home", help="Home a live bench first.")] = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -185,6 +187,8 @@ def recognise(
 
     rng = np.random.default_rng([seed, 5])
     with open_rig(config, grid, allow_partial=allow_partial, rng=rng, notice=notice) as rig:
+        if home:
+            _home(rig)
         if start is not None:
             _move_to_start(start, rig)
         settings = on_bench(settings, config)
@@ -192,7 +196,18 @@ def recognise(
     raise typer.Exit(code)
 
 
-def _move_to_start(text: str, rig: ImageGridRig) -> None:
+def _home(rig: ImageGridRig | Guard) -> None:
+    from rig.cli.interrupt import ends_gently
+    from rig.errors import InputError
+    from rig.guard import Guard
+
+    if not isinstance(rig, Guard):
+        raise InputError("a mock bench needs no homing", where="--home", remedy="Leave it out")
+    with ends_gently(rig):
+        rig.home()
+
+
+def _move_to_start(text: str, rig: ImageGridRig | Guard) -> None:
     from rig.errors import InputError, UnreachableError
 
     try:
@@ -201,7 +216,7 @@ def _move_to_start(text: str, rig: ImageGridRig) -> None:
         raise InputError(str(error), where="--start") from error
 
 
-def start_pose(text: str, rig: ImageGridRig) -> RigPose:
+def start_pose(text: str, rig: ImageGridRig | Guard) -> RigPose:
     """The pose that ``--start`` means: that of a picture of the grid, or the reachable one nearest to the pose given.
 
     Raises:
@@ -210,10 +225,15 @@ def start_pose(text: str, rig: ImageGridRig) -> RigPose:
     """
     from rig.errors import InputError
     from rig.hal import RigPose
+    from sim_backends.image_grid_rig import ImageGridRig
 
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
+        if not isinstance(rig, ImageGridRig):
+            raise InputError(
+                f"{text!r} is no pose", where="--start", remedy="A live bench has no pictures: give x,y,z,theta[,zoom]"
+            ) from None
         return rig.grid.frame(text).pose
     if len(values) not in (4, 5):
         raise InputError(
@@ -293,4 +313,4 @@ def _run(
         version=version("calibration-free-rig"),
     )
     folder = new_run_folder(out, as_json, label, datetime.now())
-    return watch_run(steps_of(rig, models, settings), RunRecorder(folder, start, models), as_json)
+    return watch_run(steps_of(rig, models, settings), RunRecorder(folder, start, models), as_json, rig)
