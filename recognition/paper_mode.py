@@ -19,7 +19,7 @@ from recognition.policies import Policy, Situation, load_policy
 from recognition.seen import Seen, see
 from recognition.settings import RecogniserSettings
 from recognition.steps import Answer, BeliefSummary, Move, Outcome, Step, StepSeconds
-from recognition.summary import Verdict, answer, summarise
+from recognition.summary import Verdict, answer, summarise, wanted_of_pose
 from recognition.tracking import World, make_world
 from rig.hal import Frame, Rig, RigPose
 
@@ -39,6 +39,7 @@ def recognise_as_paper(
     keeps those whose expected part is found with the right class and a pose within 5 degrees and 20 mm. A view without
     any part is undone, and the next-best leaf is tried from where the rig was before. The run ends when one
     interpretation holds the threshold (1.0 in the paper), when none is left (``not_found``), or when no view is left.
+    It never goes on for a surer pose; the answer tells whether the pose is as sure as the settings ask.
 
     Fig. 5 calls get_best_leaf in its step 13 before it sets previous := new_node; the leaf sought here is new_node's.
 
@@ -115,7 +116,9 @@ class _State:
             )
         mass = self.left.most_probable
         if count == 1 or mass >= self.settings.threshold:
-            return Verdict(Outcome.RECOGNISED, f"one of {count} interpretations left holds {mass:.4f}")
+            wanted = wanted_of_pose(self.world, self.belief, self.views, self.settings)
+            verdict = Verdict(Outcome.RECOGNISED, f"one of {count} interpretations left holds {mass:.4f}", wanted)
+            return verdict.without("the paper takes no view for the pose's sake") if wanted else verdict
         return self.give_up() if len(self.views) >= self.settings.max_views else None
 
     def give_up(self) -> Verdict:

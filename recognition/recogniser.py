@@ -62,11 +62,11 @@ def recognise(
         t2 = time.perf_counter()
         verdict = state.verdict()
         move = None
-        if verdict is None or not verdict.final:
+        if verdict is None or verdict.wanted:
             move = state.choose(policy, sure=verdict is not None)
         t3 = time.perf_counter()
-        if verdict is None and move is None:
-            verdict = state.give_up()
+        if move is None and (verdict is None or verdict.wanted):
+            verdict = state.give_up(verdict)
         step = Step(
             index=len(state.views) - 1,
             frame=frame,
@@ -164,11 +164,17 @@ class _State:
         return self.groups.setdefault(round(pose.zoom, 6), len(self.groups))
 
     def verdict(self) -> Verdict | None:
-        """Whether the run may end, and as what; one that is not final still wants a surer pose."""
+        """Whether the run may end, and as what; it may still want a surer pose."""
         return judge(self.world, self.belief, self.views, self.settings)
 
-    def give_up(self) -> Verdict:
-        """What to say when no view can tell more."""
+    def give_up(self, settled: Verdict | None) -> Verdict:
+        """What to say when no view is left that can tell more; ``settled``: of a place that is, but for its pose."""
+        if settled is not None:
+            taken = len(self.views)
+            most = taken >= self.settings.max_views
+            return settled.without(
+                f"{taken} views were taken, which is the most" if most else "no reachable view makes it surer"
+            )
         if self.belief.probability.sum() > self.belief.none:
             return Verdict(Outcome.AMBIGUOUS, "no reachable view separates what is left")
         return Verdict(Outcome.NOT_FOUND, "no reachable view shows a part that would tell an object")

@@ -130,13 +130,17 @@ def recognise(
     pose_sd_mm: Annotated[
         float | None,
         typer.Option(
-            "--pose-sd-mm", metavar="MM", help="Go on until the position is this sure. [default: the bench's goal]"
+            "--pose-sd-mm",
+            metavar="MM",
+            help="Go on until the position is this sure; not in paper mode. [default: the bench's goal]",
         ),
     ] = None,
     pose_sd_deg: Annotated[
         float | None,
         typer.Option(
-            "--pose-sd-deg", metavar="DEG", help="Go on until the pan is this sure. [default: the bench's goal]"
+            "--pose-sd-deg",
+            metavar="DEG",
+            help="Go on until the pan is this sure; not in paper mode. [default: the bench's goal]",
         ),
     ] = None,
     seed: Seed = 0,
@@ -151,7 +155,7 @@ def recognise(
 ) -> None:
     """Tell which object stands before the rig, and where the camera is, from as few views as it takes.
 
-    Exit code 0 only if it was recognised; 1 if the run ended undecided.
+    Exit code 0 if it was recognised, be the pose as sure as asked or not; 1 if the run ended undecided.
     """
     import numpy as np
 
@@ -242,10 +246,20 @@ def chosen(option: str, name: str, group: str) -> str:
 def _settings(
     *, mode: Mode = Mode.GRADED, policy: str | None, threshold: float | None = None, **others: Any
 ) -> RecogniserSettings:
-    """The settings, with what each mode takes where the user chose nothing."""
+    """The settings, with what each mode takes where the user chose nothing.
+
+    Raises:
+        InputError: there is no such policy, or paper mode was asked for a surer pose.
+    """
     from recognition.settings import RecogniserSettings
+    from rig.errors import InputError
 
     paper = mode is Mode.PAPER
+    for option, key in (("--pose-sd-mm", "pose_sd_mm"), ("--pose-sd-deg", "pose_sd_deg")):
+        if paper and others.get(key) is not None:
+            raise InputError(
+                "paper mode takes no view to make the pose surer", where=option, remedy="Leave it out, or take graded"
+            )
     return RecogniserSettings(
         mode="paper" if paper else "graded",
         policy=chosen("--policy", policy or ("paper" if paper else "information"), "rig.policies"),
