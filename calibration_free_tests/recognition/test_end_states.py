@@ -88,7 +88,8 @@ def test_a_run_goes_on_until_the_pose_is_as_sure_as_asked() -> None:
     assert max(sure.pose_sd[k] for k in ("x_mm", "y_mm", "z_mm")) <= 2.0
     assert sure.pose_sd["theta_deg"] <= 0.3
     assert len(sharp.taken) > len(rough.taken)
-    assert "sharpens the pose" in steps[-2].move.why  # type: ignore[union-attr]
+    assert steps[-2].move is not None
+    assert "sharpens the pose" in steps[-2].move.why
     assert off(sure, sharp)[0] < 6.0
     assert sure.pose_sure
     assert "unsure" not in sure.why
