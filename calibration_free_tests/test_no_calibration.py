@@ -101,7 +101,7 @@ def test_an_estimate_from_several_views_is_the_same_if_each_has_other_internals(
     alike, different = estimate_pose(views=views(CAMERAS[:1] * 4)), estimate_pose(views=views(CAMERAS))
     for found in (alike, different):
         assert found.pose.theta_deg == pytest.approx(POSE.theta_deg, abs=1e-6)
-        np.testing.assert_allclose(found.pose.translation_mm, POSE.translation_mm, atol=1e-5)
+        np.testing.assert_allclose(found.pose.translation_mm, POSE.translation_mm, atol=1e-6)
 
 
 def test_soft_knowledge_of_cameras_loses_to_the_data() -> None:
