@@ -80,7 +80,7 @@ def test_prior_is_the_share_of_area(world: World) -> None:
     assert np.all((handles > 0.8 * 36 * 64) & (handles < 36 * 64))
 
 
-@pytest.mark.parametrize("seed", [3, 5, 7])
+@pytest.mark.parametrize("seed", range(10))
 def test_a_perfect_detector_ends_at_the_right_place(base: ModelBase, seed: int) -> None:
     rig = blank_rig(base, base.objects[seed % 3].id, seed)
     steps, answer = run(recognise_as_paper(rig, base, SETTINGS, detector=TrueDetector(rig)))
