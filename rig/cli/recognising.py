@@ -86,8 +86,7 @@ def demo(
     with nullcontext(grid) if grid is not None else tempfile.TemporaryDirectory(prefix="rig-demo-") as folder:
         print(f"rendering one of the {MODELS} models into an image grid ...", file=stream, flush=True)
         what = prepare(Path(folder), seed, lambda poses: shown(poses, "rendering"))
-        listed = ", ".join(f"{number} {name}" for name, number in what.in_view.items())
-        print(f"the first view shows {listed}: it fits {what.places_that_fit} places", file=stream, flush=True)
+        print(what.first_view, file=stream, flush=True)
         bench = what.bench()
         with open_rig(bench) as rig:
             rig.move_to(rig.nearest(what.start))
