@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.belief import Belief
-from recognition.geometry import Mount, camera_in_rig
+from recognition.expected import cameras_at, in_view_of_all
+from recognition.geometry import Mount
 from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
-from recognition.tracking import World, guess_internals
+from recognition.tracking import World
 from recognition.varpro import refine_batch
-from recognition.visibility import LEAST_COSINE, Pairs, bounding_box, parts_in_view
+from recognition.visibility import LEAST_COSINE, Pairs, bounding_box
 from rig.hal import RigPose
 
 FloatArray = npt.NDArray[np.float64]
@@ -90,22 +91,9 @@ def predict(
     rows, weight = sample(belief, most, rng)
     hypotheses = belief.hypotheses.take(rows)
     size = views[-1].image_size
-    cameras = np.array([_row(pose, mount) for pose in candidates])
     k, m = len(candidates), len(rows)
-    internals = np.array(
-        [guess_internals(world, hypotheses, views, g, pose.zoom) for g, pose in zip(groups, candidates, strict=True)]
-    )
-    pairs = parts_in_view(
-        world.layout,
-        world.walls,
-        np.tile(hypotheses.object_of, k),
-        np.tile(hypotheses.placement, (k, 1)),
-        np.repeat(cameras, m, axis=0),
-        internals.reshape(k * m, 4),
-        size,
-        margin_px=4.0,
-        least_px=14.0,
-    )
+    cameras, internals = cameras_at(world, hypotheses, views, candidates, groups, mount)
+    pairs = in_view_of_all(world, hypotheses, cameras, internals, size)
     candidate, which = np.divmod(pairs.hypothesis, m)
     middle = pairs.corners_px.mean(axis=1)
     look = world.layout.part_class[pairs.part]
@@ -120,11 +108,6 @@ def predict(
     if len(weight) and weight[0] > _POSE_MATTERS:
         bits = _pose_bits(world, hypotheses, views, cameras, pairs, candidate, which)
     return Prediction(np.append(weight, belief.none), rows, features, expected, bits)
-
-
-def _row(pose: RigPose, mount: Mount) -> FloatArray:
-    camera = camera_in_rig(pose, mount)
-    return np.array([np.radians(camera.theta_deg), *camera.centre_mm])
 
 
 def _chance(pairs: Pairs, size: tuple[int, int]) -> FloatArray:

@@ -102,7 +102,8 @@ class RecogniserSettings:
         seed: of the random generator; the same seed gives the same run.
         detector: name in the entry-point group ``rig.detectors``.
         pose_sd_mm: go on until the camera's position is this sure, mm; ``None``: to 5 % of the distance to the parts.
-        pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask.
+        pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask. Paper mode goes on
+            for neither, but its answer tells whether they are met.
         bounds: what the bench knows about distances and the lens.
         mount: how the camera hangs on the rig.
         rates: how the detector behaves on this bench.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,11 +32,15 @@ _SEEN_VIEWS = 3
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a run ends and why; ``final`` False: the place is settled, but the pose is wanted surer."""
+    """How a run may end and why; ``wanted``: of a place that is settled, in what its pose is less sure than asked."""
 
     outcome: Outcome
     why: str
-    final: bool = True
+    wanted: str = ""
+
+    def without(self, reason: str) -> Verdict:
+        """The verdict of a run that ends without what is wanted; ``reason`` says why it goes on no longer."""
+        return replace(self, why=f"{self.why}, but {self.wanted}, and {reason}")
 
 
 def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
@@ -116,28 +120,23 @@ def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> 
 
 
 def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> Verdict | None:
-    """Whether the run may end."""
+    """Whether the run may end; where its ``wanted`` says something, only if no view can bring that."""
     # A view without any detection shows a bare wall or nothing at all; it says little of which object stands there.
     if belief.none >= settings.threshold and sum(seen.count > 0 for seen in views) >= _SEEN_VIEWS:
         return Verdict(Outcome.UNKNOWN, f"none of the objects explains the views (probability {belief.none:.3f})")
-    verdict = None
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)
         mass = float(belief.probability[group].sum())
         if mass >= settings.threshold and _parts_matched(belief) >= LEAST_PARTS:
-            sd = pose_sd(belief, views, group)
-            short = _too_unsure(sd, settings, _distance_to_parts(world, belief, views))
             why = f"one configuration holds {mass:.4f} of the probability"
-            verdict = Verdict(Outcome.RECOGNISED, f"{why}{short and f'; but {short}'}", final=not short)
-    if verdict is None and len(views) >= settings.max_views:
+            return Verdict(Outcome.RECOGNISED, why, wanted_of_pose(world, belief, views, settings))
+    if len(views) >= settings.max_views:
         many = belief.probability.sum() > 0.5
         return Verdict(
             Outcome.AMBIGUOUS if many else Outcome.NOT_FOUND,
             f"{len(views)} views were taken, and no configuration reached {settings.threshold:g}",
         )
-    if verdict is not None and len(views) >= settings.max_views:
-        return Verdict(verdict.outcome, verdict.why)
-    return verdict
+    return None
 
 
 def _parts_matched(belief: Belief) -> int:
@@ -145,10 +144,15 @@ def _parts_matched(belief: Belief) -> int:
     return sum(int((found.part[0] >= 0).sum()) for found in belief.hypotheses.matches)
 
 
-def _too_unsure(sd: dict[str, float], settings: RecogniserSettings, distance_mm: float) -> str:
-    """What is still wanted of the pose; asked or not, it must be known to a share of the distance to mean a place."""
+def wanted_of_pose(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> str:
+    """In what the leading pose is less sure than asked, for people; empty if in nothing.
+
+    Where nothing is asked, its position is wanted to a share of the distance to the parts, to mean a place at all.
+    """
+    sd = pose_sd(belief, views, leading_group(world, belief, views))
     place = max(sd[k] for k in ("x_mm", "y_mm", "z_mm"))
-    most = settings.pose_sd_mm if settings.pose_sd_mm is not None else _UNSURE_SHARE * distance_mm
+    asked = settings.pose_sd_mm
+    most = asked if asked is not None else _UNSURE_SHARE * _distance_to_parts(world, belief, views)
     if not place <= most:
         return f"its position is unsure by {place:.3g} mm, {most:.3g} is asked"
     if settings.pose_sd_deg is not None and sd["theta_deg"] > settings.pose_sd_deg:
@@ -238,6 +242,7 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
         why=verdict.why,
         travel_mm=travel,
         rotation_deg=turned,
+        pose_sure=not verdict.wanted if recognised else None,
     )
 
 

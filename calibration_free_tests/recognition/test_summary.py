@@ -51,7 +51,7 @@ def turned(belief: Belief, row: int, pan_deg: float, along_mm: float) -> Belief:
 def test_a_configuration_above_the_threshold_ends_the_run() -> None:
     verdict = judge(WORLD, split(0.995, 0.005), VIEWS, SETTINGS)
     assert verdict is not None
-    assert (verdict.outcome, verdict.final) == (Outcome.RECOGNISED, True)
+    assert (verdict.outcome, verdict.wanted) == (Outcome.RECOGNISED, "")
     assert judge(WORLD, split(0.6, 0.4), VIEWS, SETTINGS) is None
 
 
@@ -63,11 +63,11 @@ def test_the_threshold_is_the_users() -> None:
 def test_a_place_that_is_settled_waits_for_a_pose_as_sure_as_asked() -> None:
     verdict = judge(WORLD, split(1.0), VIEWS, with_views(SETTINGS, pose_sd_mm=0.01))
     assert verdict is not None
-    assert (verdict.outcome, verdict.final) == (Outcome.RECOGNISED, False)
-    assert "position is unsure" in verdict.why
+    assert verdict.outcome is Outcome.RECOGNISED
+    assert "position is unsure" in verdict.wanted
     pan = judge(WORLD, split(1.0), VIEWS, with_views(SETTINGS, pose_sd_mm=1e3, pose_sd_deg=1e-4))
     assert pan is not None
-    assert "pan is unsure" in pan.why
+    assert "pan is unsure" in pan.wanted
 
 
 def test_the_last_view_ends_the_run_whatever_is_left() -> None:
@@ -81,7 +81,25 @@ def test_the_last_view_ends_the_run_whatever_is_left() -> None:
     assert nothing.outcome is Outcome.NOT_FOUND
     unsure = judge(WORLD, split(1.0), VIEWS, replace(last, pose_sd_mm=0.01))
     assert unsure is not None
-    assert unsure.final
+    assert (unsure.outcome, bool(unsure.wanted)) == (Outcome.RECOGNISED, True)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "sure"),
+    [
+        (Verdict(Outcome.RECOGNISED, "because"), True),
+        (Verdict(Outcome.RECOGNISED, "because", wanted="its pan is unsure"), False),
+        (Verdict(Outcome.AMBIGUOUS, "because"), None),
+    ],
+)
+def test_an_answer_tells_whether_the_pose_is_as_sure_as_asked(verdict: Verdict, sure: bool | None) -> None:
+    assert answer(WORLD, split(1.0), VIEWS, verdict, [RigPose(0, 0, 0, 0)]).pose_sure is sure
+
+
+def test_a_verdict_without_what_is_wanted_says_both() -> None:
+    told = Verdict(Outcome.RECOGNISED, "one is left", wanted="its pan is unsure").without("no view helps")
+    assert told.why == "one is left, but its pan is unsure, and no view helps"
+    assert told.wanted
 
 
 def test_none_of_these_ends_the_run_only_after_some_views_that_show_something() -> None:
