@@ -15,7 +15,7 @@ import typer.main
 from rig.cli.app import app
 
 RIG = str(Path(sys.executable).with_name("rig"))
-HEAVY = ("numpy", "cv2", "scipy", "matplotlib", "pydantic", "yaml", "rich", "jinja2")
+HEAVY = ("numpy", "numba", "cv2", "scipy", "matplotlib", "pydantic", "yaml", "rich", "jinja2")
 
 
 def commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
