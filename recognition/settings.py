@@ -23,7 +23,8 @@ class BenchBounds:
         view_angle_min_deg: the lens's narrowest horizontal angle of view.
         view_angle_max_deg: the lens's widest horizontal angle of view.
         motion_sd_mm: standard deviation of the positions that the rig reads back, per axis.
-        motion_sd_deg: standard deviation of the pans that the rig reads back.
+        motion_sd_deg: standard deviation of the pans that the rig reads back. Both count in how sure a pose is told to
+            be; the fit itself takes poses as read back.
     """
 
     distance_min_mm: float = 50.0

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from recognition.belief import Belief
 from recognition.geometry import CameraPose, Pose4, camera_in_object, rotation_y, wrap_deg
 from recognition.seen import Seen
-from recognition.settings import RecogniserSettings
+from recognition.settings import BenchBounds, RecogniserSettings
 from recognition.steps import Answer, BeliefSummary, HypothesisSummary, Outcome, PartMatch
 from recognition.tracking import World, expected_internals, expected_parts
 from recognition.visibility import camera_in_objects, parts_in_view
@@ -96,8 +96,18 @@ def pose_of(placement: FloatArray, seen: Seen) -> CameraPose:
     return camera_in_object(seen.camera, Pose4.of(np.degrees(placement[0]), placement[1:]))
 
 
-def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> dict[str, float]:
-    """Sd of the camera's pose in the object frame: the leading fit's covariance, and the spread of its companions."""
+_NO_BOUNDS = BenchBounds()
+
+
+def pose_sd(
+    belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_], bounds: BenchBounds = _NO_BOUNDS
+) -> dict[str, float]:
+    """Sd of the camera's pose in the object frame at the last view.
+
+    That of the leading fit's covariance, the spread of its companions, and how far the rig's poses may be trusted: the
+    object is placed by all views, so the last one's own motion error, less its share in that placement, is an error of
+    the camera. With a single view there is none, as its motion error moves camera and object alike.
+    """
     hypotheses = belief.hypotheses
     phi, shift = hypotheses.placement[0, 0], hypotheses.placement[0, 1:]
     away = views[-1].camera.centre_mm - shift
@@ -114,7 +124,8 @@ def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> 
     pan, centre = camera_in_objects(hypotheses.placement[rows], views[-1].camera_row)
     turn = np.degrees(np.remainder(pan - pan[0] + np.pi, 2 * np.pi) - np.pi)
     spread = np.concatenate([turn[:, None], centre - centre[0]], axis=1)
-    variance = np.diag(covariance) + weight @ spread**2
+    motion = np.array([bounds.motion_sd_deg, *[bounds.motion_sd_mm] * 3])
+    variance = np.diag(covariance) + weight @ spread**2 + (1.0 - 1.0 / len(views)) * motion**2
     sd = np.sqrt(np.maximum(variance, 0.0))
     return dict(zip(("theta_deg", "x_mm", "y_mm", "z_mm"), (float(v) for v in sd), strict=True))
 
@@ -149,7 +160,7 @@ def wanted_of_pose(world: World, belief: Belief, views: list[Seen], settings: Re
 
     Where nothing is asked, its position is wanted to a share of the distance to the parts, to mean a place at all.
     """
-    sd = pose_sd(belief, views, leading_group(world, belief, views))
+    sd = pose_sd(belief, views, leading_group(world, belief, views), world.bounds)
     place = max(sd[k] for k in ("x_mm", "y_mm", "z_mm"))
     asked = settings.pose_sd_mm
     most = asked if asked is not None else _UNSURE_SHARE * _distance_to_parts(world, belief, views)
@@ -226,7 +237,7 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)
         pose = pose_of(belief.hypotheses.placement[0], views[-1])
-        sd = pose_sd(belief, views, group)
+        sd = pose_sd(belief, views, group, world.bounds)
         limit = _UNSURE_SHARE * _distance_to_parts(world, belief, views)
         names = {"theta_deg": np.degrees(_UNSURE_SHARE), "x_mm": limit, "y_mm": limit, "z_mm": limit}
         unobservable = tuple(name for name, most in names.items() if sd[name] > most)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibration_free_tests.recognition.synthetic import (
+    BOUNDS,
     OBJECT_IN_RIG,
     SETTINGS,
     before_front,
@@ -25,7 +26,17 @@ from recognition.geometry import CameraPose
 from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
 from recognition.steps import Outcome
-from recognition.summary import Verdict, answer, judge, leading_group, places, pose_of, pose_sd, summarise
+from recognition.summary import (
+    Verdict,
+    answer,
+    judge,
+    leading_group,
+    places,
+    pose_of,
+    pose_sd,
+    summarise,
+    wanted_of_pose,
+)
 from rig.hal import Frame, RigPose
 
 BASE = three_buildings()
@@ -163,6 +174,22 @@ def test_companions_apart_make_the_pose_less_sure() -> None:
     alone = pose_sd(pair, VIEWS, np.array([True, False]))
     apart = turned(pair, 1, 0.0, 30.0)
     assert pose_sd(apart, VIEWS, np.array([True, True]))["x_mm"] > alone["x_mm"] + 5.0
+
+
+def test_a_rig_that_reads_back_roughly_makes_the_pose_less_sure_once_it_has_moved() -> None:
+    rough = replace(BOUNDS, motion_sd_mm=6.0, motion_sd_deg=2.0)
+    exact = SURE.hypotheses.take(np.array([0]))
+    sure = Belief(replace(exact, covariance=np.zeros((1, 4, 4))), np.array([1.0]), 0.0)
+    for views in (VIEWS, VIEWS[:1]):
+        told = pose_sd(sure, views, np.array([True]), rough)
+        share = np.sqrt(1.0 - 1.0 / len(views))
+        assert told == pytest.approx(
+            {"theta_deg": 2.0 * share, "x_mm": 6.0 * share, "y_mm": 6.0 * share, "z_mm": 6.0 * share}
+        )
+    assert wanted_of_pose(world_of(BASE), sure, VIEWS, with_views(SETTINGS, pose_sd_mm=1.0)) == ""
+    assert "is unsure by 4.9 mm" in wanted_of_pose(
+        world_of(BASE, bounds=rough), sure, VIEWS, with_views(SETTINGS, pose_sd_mm=1.0)
+    )
 
 
 def test_a_summary_sums_to_one_and_names_the_leaders() -> None:
