@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from recognition.belief import Belief
-from recognition.geometry import camera_in_rig, wrap_deg
+from recognition.geometry import camera_in_rig
 from recognition.parts import DetectedPart
 from recognition.policies import Situation
 from recognition.seen import Seen, see
@@ -66,7 +67,9 @@ class Journey:
 
     def fresh(self, here: RigPose) -> list[RigPose]:
         """Poses that can be reached from ``here`` and have not been taken."""
-        return [p for p in self._rig.reachable(here) if not any(_same(p, old) for old in self._commanded)]
+        poses = self._rig.reachable(here)
+        taken = _same(poses, self._commanded)
+        return [pose for pose, again in zip(poses, taken, strict=True) if not again]
 
     def situation(self, belief: Belief, here: RigPose, candidates: Sequence[RigPose], *, sure: bool) -> Situation:
         """All that a policy may know when it chooses among candidates from ``here``."""
@@ -93,6 +96,16 @@ class Journey:
         return self._groups.setdefault(round(pose.zoom, 6), len(self._groups))
 
 
-def _same(a: RigPose, b: RigPose) -> bool:
-    near = max(abs(a.x_mm - b.x_mm), abs(a.y_mm - b.y_mm), abs(a.z_mm - b.z_mm)) < 0.5
-    return near and abs(wrap_deg(a.theta_deg - b.theta_deg)) < 0.1 and abs(a.zoom - b.zoom) < 1e-3
+def _same(poses: Sequence[RigPose], others: Sequence[RigPose]) -> npt.NDArray[np.bool_]:
+    """Whether each pose is one of the others, as nearly as a rig could tell."""
+    a, b = _numbers(poses)[:, None], _numbers(others)[None]
+    near = (np.abs(a[..., :3] - b[..., :3]) < _SAME_MM).all(axis=2) & (np.abs(a[..., 4] - b[..., 4]) < _SAME_ZOOM)
+    turn = np.abs((a[..., 3] - b[..., 3] + 180.0) % 360.0 - 180.0)
+    return np.asarray((near & (turn < _SAME_DEG)).any(axis=1))
+
+
+def _numbers(poses: Sequence[RigPose]) -> npt.NDArray[np.float64]:
+    return np.array([(p.x_mm, p.y_mm, p.z_mm, p.theta_deg, p.zoom) for p in poses]).reshape(-1, 5)
+
+
+_SAME_MM, _SAME_DEG, _SAME_ZOOM = 0.5, 0.1, 1e-3
