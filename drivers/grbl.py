@@ -27,7 +27,7 @@ from drivers.grbl_session import (
 from drivers.grbl_settings import GrblSettings
 from drivers.grbl_stop import stop_motion
 from drivers.grbl_travel import jog, move
-from drivers.serial_link import LinkLostError, SerialLink, SerialPort, open_serial
+from drivers.serial_link import PORT_ERRORS, LinkLostError, SerialLink, SerialPort, not_opened, open_serial
 from rig.devices import Clock, GantryStatus, Identity, Motion, StopReport, Triple
 from rig.errors import HardwareError, UnreachableError
 
@@ -170,8 +170,11 @@ class GrblGantry:
         session.link.close()
 
     def _open(self) -> GrblSession:
-        link = SerialLink(self._open_port(self._settings), self._clock, self._settings.port)
-        return GrblSession(link, self._clock, self._settings)
+        try:
+            port = self._open_port(self._settings)
+        except PORT_ERRORS as error:
+            raise not_opened(self._settings.port, error) from error
+        return GrblSession(SerialLink(port, self._clock, self._settings.port), self._clock, self._settings)
 
     def _ready(self) -> GrblSession:
         session = self._session

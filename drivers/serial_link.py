@@ -92,11 +92,12 @@ def open_serial(name: str, baud: int, *, dtr: bool = False) -> LockedPort:
         port.open()
     except PORT_ERRORS as error:
         lock.release()
-        raise _not_opened(device, error) from error
+        raise not_opened(device, error) from error
     return LockedPort(port, lock)
 
 
-def _not_opened(device: str, error: BaseException) -> HardwareError:
+def not_opened(device: str, error: BaseException) -> HardwareError:
+    """What to tell of a port that pyserial could not open."""
     number = getattr(error, "errno", None)
     if number == errno.EACCES:
         return HardwareError(

@@ -57,6 +57,7 @@ class WiredDevice:
         self._plugs_in_s: float | None = None
         self._to_machine: deque[WireByte] = deque()
         self._to_host: deque[WireByte] = deque()
+        self._arrived = bytearray()
 
     def host_writes(self, data: bytes, now_s: float) -> None:
         """The host writes; what it writes is also kept in `written`, with its time."""
@@ -67,11 +68,13 @@ class WiredDevice:
 
     def host_waiting(self) -> int:
         """How many bytes have reached the host and were not taken."""
-        return sum(1 for byte in self._to_host if byte.at_s <= self._now_s)
+        return len(self._arrived)
 
     def host_takes(self, count: int) -> bytes:
         """Take bytes that have reached the host."""
-        return bytes(self._to_host.popleft().value for _ in range(min(count, self.host_waiting())))
+        taken = bytes(self._arrived[:count])
+        del self._arrived[:count]
+        return taken
 
     def unplug(self, seconds: float = 0.0) -> None:
         """Pull the plug, for a while (0: for good); what is on the wire is lost."""
@@ -80,6 +83,7 @@ class WiredDevice:
         self._plugs_in_s = self._now_s + seconds if seconds > 0.0 else None
         self._to_machine.clear()
         self._to_host.clear()
+        self._arrived.clear()
 
     def plug_in(self) -> None:
         """Put the plug back."""
@@ -89,7 +93,7 @@ class WiredDevice:
         """When something happens next, a byte's arrival at the host among it."""
         times = [
             self._to_machine[0].at_s if self._to_machine else None,
-            next((byte.at_s for byte in self._to_host if byte.at_s > self._now_s), None),
+            self._to_host[0].at_s if self._to_host else None,
             self.wire.next_due_s(),
             self._plugs_in_s,
             self.machine.next_event_s(),
@@ -117,3 +121,5 @@ class WiredDevice:
         for at_s, data in self.machine.take_output():
             if self.plugged:
                 self._to_host += self.wire.carry(Side.FROM_DEVICE, data, at_s)
+        while self._to_host and self._to_host[0].at_s <= now_s:
+            self._arrived.append(self._to_host.popleft().value)

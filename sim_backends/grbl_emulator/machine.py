@@ -93,9 +93,9 @@ class GrblMachine:
                 self.power_up()
             case FaultKind.POWER_CYCLE:
                 self.power_up(off_s=max(fault.seconds, BOOT_S))
-            case FaultKind.ALARM:
+            case FaultKind.ALARM if not self.off:
                 self.raise_alarm(fault.number)
-            case FaultKind.HANG:
+            case FaultKind.HANG if not self.off:
                 self.timers["hung"] = self.now_s + (fault.seconds or FOR_GOOD_S)
             case FaultKind.STUCK_AXIS:
                 self.mechanics.follow(self.planner.position)
@@ -160,8 +160,8 @@ class GrblMachine:
                 yield
 
     def raise_alarm(self, number: int) -> None:
-        """Stop dead and lock."""
-        if self.planner.running:
+        """Stop and lock; alarms that keep the position come from motion that has braked."""
+        if self.planner.running and number in POSITION_LOST:
             self.mechanics.stop_dead(self.planner.velocity)
         self.planner.flush()
         self.rx.clear()
@@ -275,8 +275,9 @@ class GrblMachine:
     def _step_to(self, now_s: float) -> None:
         self.now_s = max(self.now_s, now_s)
         was_running = self.planner.running
-        self.planner.advance_to(self.now_s)
-        self.mechanics.follow(self.planner.position)
+        if was_running:
+            self.planner.advance_to(self.now_s)
+            self.mechanics.follow(self.planner.position)
         for name in [name for name, at_s in self.timers.items() if at_s <= self.now_s]:
             del self.timers[name]
             if name == "off":
@@ -300,5 +301,6 @@ class GrblMachine:
     def run_main(self) -> None:
         """Let the main loop go on, unless the firmware waits in a hold."""
         braking = self.state is State.JOG and self.planner.holding
-        if not (self.off or self.hung or braking or self.state is State.HOLD):
+        hung = self.hung and self.state is not State.HOME  # the homing cycle looks at its switches by interrupt
+        if not (self.off or hung or braking or self.state is State.HOLD):
             next(self.loop)

@@ -42,19 +42,12 @@ class _Phase:
     """Constant acceleration from a time on, over a distance."""
 
     began_s: float
+    ends_s: float
     from_mm: float
-    speed_mm_s: float
-    accel_mm_s2: float
     length_mm: float
-
-    @property
-    def last_speed_mm_s(self) -> float:
-        return math.sqrt(max(0.0, self.speed_mm_s**2 + 2.0 * self.accel_mm_s2 * self.length_mm))
-
-    @property
-    def ends_s(self) -> float:
-        mean = self.speed_mm_s + self.last_speed_mm_s
-        return self.began_s + (2.0 * self.length_mm / mean if mean > 0.0 else 0.0)
+    speed_mm_s: float
+    last_speed_mm_s: float
+    accel_mm_s2: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +189,9 @@ class Planner:
         mark = self._mark(move, self._along_mm)
         if mark is not None and mark - self._along_mm > _TINY_MM:
             length = min(length, mark - self._along_mm)
-        return _Phase(now_s, self._along_mm, speed, accel, length)
+        last = math.sqrt(max(0.0, speed**2 + 2.0 * accel * length))
+        ends_s = now_s + 2.0 * length / (speed + last)
+        return _Phase(now_s, ends_s, self._along_mm, length, speed, last, accel)
 
 
 def _profile(speed: float, leave: float, left: float, move: PlannedMove, *, holding: bool) -> tuple[float, float]:
