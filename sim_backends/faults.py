@@ -112,7 +112,7 @@ class WireByte:
 class _Lane:
     """One direction: what has passed, and which fault of the wire is at work."""
 
-    waiting: list[Fault]
+    waiting: list[Fault] = field(default_factory=list)
     bytes_seen: int = 0
     messages_seen: int = 0
     tail: bytes = b""
@@ -138,14 +138,23 @@ class FaultyWire:
             seconds_per_byte: how long a byte is on the wire.
         """
         self._boundary, self._seconds_per_byte = boundary, seconds_per_byte
-        self._lanes = {side: _Lane([f for f in script if f.side is side]) for side in Side}
+        self._lanes = {side: _Lane() for side in Side}
         self._due: list[tuple[float, int, Fault]] = []
         self._serial = 0
         self.fired: list[Fault] = []
         for fault in script:
-            if fault.kind not in WIRE_KINDS and fault.at_s is not None:
-                self._schedule(fault.at_s, fault)
-                self._lanes[fault.side].waiting.remove(fault)
+            self.add(fault)
+
+    def add(self, fault: Fault) -> None:
+        """Add a fault to the script while it runs; triggers count from the beginning, as for all others."""
+        if fault.kind not in WIRE_KINDS and fault.at_s is not None:
+            self._schedule(fault.at_s, fault)
+        else:
+            self._lanes[fault.side].waiting.append(fault)
+
+    def bytes_sent(self, side: Side) -> int:
+        """How many bytes have been sent in a direction: the number of the next one."""
+        return self._lanes[side].bytes_seen
 
     def carry(self, side: Side, data: bytes, now_s: float) -> list[WireByte]:
         """Send bytes; returns what will arrive, and when, in order."""
