@@ -74,7 +74,7 @@ def _hold_then_reset(session: GrblSession, sent_at_s: float) -> StopReport:
         "" if rested else "it was not seen to come to rest before the reset: the position is lost",
         "" if alive else "the reset was not answered: motion may go on. Switch its power off",
     ]
-    return StopReport(sent_at_s, rested and alive, session.homed, "; ".join(filter(None, troubles)))
+    return StopReport(sent_at_s, alive, session.homed, "; ".join(filter(None, troubles)))
 
 
 def _wait_for_rest(session: GrblSession) -> bool:
