@@ -182,7 +182,6 @@ def test_panes_that_look_like_a_farther_facade_lose_as_the_camera_moves() -> Non
     assert left[1] < 0.02 < left[0], "they are still there after two views, and gone after five"
 
 
-
 def far_away(world: World, belief: Belief, views: list[Seen]) -> list[int]:
     """Hypotheses that have the parts of the latest view in which they match some at more than three times the truth."""
     rows = []
