@@ -103,6 +103,8 @@ class V4l2Source(_Capture):
         """Poll the device; OpenCV takes whole milliseconds, and 0 for ever."""
         if not self._streaming:
             return None  # OpenCV's poll starts the stream by taking a frame, and would then call the buffer empty
+        if not self._capture.isOpened():
+            raise OSError("the device is closed")  # OpenCV's poll crashes on what is not open
         ready, _ = self._capture.waitAny([self._capture], max(1_000_000, int(timeout_s * 1e9)))
         return bool(ready)
 

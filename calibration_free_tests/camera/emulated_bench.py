@@ -13,8 +13,9 @@ from drivers.draining import Drain, InlineDrain
 from drivers.opencv_camera import OpenCvCamera
 from rig.devices import Picture
 from rig.hal import Image, RigPose
-from sim_backends.camera_emulator import CameraTiming, EmulatedCamera, EmulatedCapture, Exposure
+from sim_backends.camera_emulator import CameraTiming, EmulatedCamera, Exposure
 from sim_backends.camera_faults import CameraFault
+from sim_backends.emulated_capture import EmulatedCapture
 from sim_backends.frame_counter import read_counter
 from sim_backends.simulated_clock import SimulatedClock
 

@@ -1,4 +1,4 @@
-"""Point 33: frames are exposed after settling, whatever a buffer of unknown depth held and however late this computer."""
+"""Point 33: frames are exposed after settling, whatever a buffer of unknown depth holds and however late we are."""
 
 from __future__ import annotations
 
