@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from rig.devices import Clock, Identity
 from rig.errors import HardwareError
 from rig.hal import Image
@@ -109,10 +107,3 @@ class EmulatedCapture:
         if self._unplugged is not None:
             raise self._unplugged
         return True
-
-
-def emulated(
-    camera: EmulatedCamera, *, polls: bool = True, controls: dict[int, float] | None = None
-) -> Callable[[object, Clock], EmulatedCapture]:
-    """What `drivers.opencv_camera.OpenCvCamera` takes as ``open_source`` to read an emulated camera."""
-    return lambda _settings, clock: EmulatedCapture(camera, clock, polls=polls, controls=controls)
