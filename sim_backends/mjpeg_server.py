@@ -1,7 +1,8 @@
 """Serves an emulated camera as a Motion-JPEG stream over HTTP, to this computer only.
 
 Like a network camera it sends each viewer the newest frame and skips what a slow viewer has no time for. A frame that
-could not be drawn in time is left out, so that no frame is older than the camera's own latency and `ON_TIME_S`.
+cannot be drawn in time is left out, so that readers can tell how old a frame may be: as the camera's own latency and
+``on_time_s`` together.
 """
 
 from __future__ import annotations
@@ -25,7 +26,15 @@ _VIEWER_TIMEOUT_S = 5.0
 class MjpegServer:
     """A stream on a port of the loopback interface, there is no way to ask for another. A context manager."""
 
-    def __init__(self, camera: EmulatedCamera, clock: Clock, *, port: int = 0, quality: int = 95) -> None:
+    def __init__(
+        self,
+        camera: EmulatedCamera,
+        clock: Clock,
+        *,
+        port: int = 0,
+        quality: int = 95,
+        on_time_s: float = ON_TIME_S,
+    ) -> None:
         """Bind and serve.
 
         Args:
@@ -33,8 +42,9 @@ class MjpegServer:
             clock: the real one; frames are drawn as its time passes.
             port: 0: any that is free.
             quality: of the JPEG files, 1..100. Below about 90 the noise goes, and a rig at rest looks frozen.
+            on_time_s: longest time from a frame's arrival until it is drawn and coded.
         """
-        self._camera, self._clock, self._quality = camera, clock, quality
+        self._camera, self._clock, self._quality, self._on_time_s = camera, clock, quality, on_time_s
         self._changed = threading.Condition()
         self._frame, self._number = b"", 0
         self._plugged = self._serving = True
@@ -105,15 +115,20 @@ class MjpegServer:
         return capture
 
     def _serve_one(self, capture: EmulatedCapture) -> bool:
+        """Show the next frame if that can be done in time; False: the camera is unplugged."""
         import cv2
 
-        good, image = capture.read()
-        if not good or image is None or capture.grabbed is None:
+        if not capture.grab() or capture.grabbed is None:
             self._show(None, plugged=False)
             return False
-        encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._quality])[1].tobytes()
-        if self._clock.now_s() - capture.grabbed.arrived_s <= ON_TIME_S:
-            self._show(encoded, plugged=True)
+        until_s = capture.grabbed.arrived_s + self._on_time_s
+        # Drawing frames that have waited long would let those behind them wait as long.
+        if self._clock.now_s() < until_s - self._on_time_s / 2.0:
+            image = capture.retrieve()[1]
+            assert image is not None
+            encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._quality])[1].tobytes()
+            if self._clock.now_s() <= until_s:
+                self._show(encoded, plugged=True)
         return True
 
     def _show(self, frame: bytes | None, *, plugged: bool) -> None:

@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 
 from calibration_free_tests.camera.emulated_bench import Axis, settings, striped
+from drivers.http_camera import HttpSource
 from drivers.mjpeg import MultipartParser, StreamError, decode_jpeg, jpeg_end, jpeg_size
 from drivers.opencv_camera import OpenCvCamera
 from rig.errors import HardwareError
+from rig.hal import Image, RigPose
 from sim_backends.camera_emulator import CameraTiming, EmulatedCamera
 from sim_backends.camera_faults import CameraFault, CameraFaultKind
 from sim_backends.frame_counter import read_counter
@@ -47,7 +49,8 @@ def served(faults: list[CameraFault] | None = None) -> Iterator[tuple[EmulatedCa
 
 def connected(url: str, **changes: object) -> OpenCvCamera:
     # A busy computer sends late: this is about the wire, the age is judged on simulated time.
-    camera = OpenCvCamera(settings(source=url, latency_s=0.3, warm_up_s=0.0, **changes), CLOCK)
+    told = {"latency_s": 0.3, "warm_up_s": 0.0, "deadlines": {"silence_s": 5.0}} | changes
+    camera = OpenCvCamera(settings(source=url, **told), CLOCK)
     camera.connect()
     return camera
 
@@ -82,6 +85,26 @@ def test_the_emulated_stream_is_for_this_computer_only() -> None:
         assert server.address[0] == LOOPBACK == "127.0.0.1"
         assert _ask(server, Host="cameras.example").startswith(b"HTTP/1.0 403")
         assert _ask(server, path="/elsewhere", Host="localhost").startswith(b"HTTP/1.0 404")
+
+
+def test_a_picture_that_takes_long_to_draw_makes_frames_fewer_but_not_older() -> None:
+    def slow(pose: RigPose) -> Image:
+        time.sleep(0.05)  # as a large scene does, in real time: two and a half frames
+        return striped(pose)
+
+    camera = EmulatedCamera(Axis().pose_at, slow, FAST, counter_px=6, start_s=CLOCK.now_s())
+    with MjpegServer(camera, CLOCK, on_time_s=0.2) as server:
+        number, ages_s = 0, []
+        for _ in range(4):
+            following = server.next_frame(number)
+            assert following is not None
+            number, frame = following
+            image = decode_jpeg(frame)
+            assert image is not None
+            counter = read_counter(image, 6)
+            assert counter is not None
+            ages_s.append(CLOCK.now_s() - camera.exposure_of(counter).arrives_s)
+    assert max(ages_s) < 0.5
 
 
 def test_an_unplugged_camera_ends_its_stream_and_is_noticed_within_a_second() -> None:
@@ -151,6 +174,26 @@ def test_a_stream_that_stalls_half_way_through_a_frame_blocks_neither_connect_no
         with pytest.raises(HardwareError, match=r"has not come after|every read has failed"):
             connected(url, deadlines={"connect_s": 0.3})
         assert CLOCK.now_s() - start_s < 1.5
+
+
+def test_a_stream_is_empty_when_it_is_quiet_but_not_amid_a_frame() -> None:
+    head = b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=cam\r\n\r\n"
+    with answering(head + part(jpeg(), length=True)) as url:
+        source = HttpSource(url, 1.0)
+        while not source.frame_waiting(0.05):
+            pass
+        assert source.grab()
+        assert source.frame_waiting(0.005) is False
+        source.release()
+    with answering(head + part(jpeg(), length=True) + part(jpeg(), length=True)[:-50]) as url:
+        source = HttpSource(url, 1.0)
+        while not source.frame_waiting(0.05):
+            pass
+        assert source.grab()
+        for _ in range(3):
+            waiting = source.frame_waiting(0.02)
+        assert waiting is None
+        source.release()
 
 
 # --- taking the stream apart ----------------------------------------------------------------------------------------
