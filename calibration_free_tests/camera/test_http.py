@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -87,15 +88,17 @@ def test_the_emulated_stream_is_for_this_computer_only() -> None:
         assert _ask(server, path="/elsewhere", Host="localhost").startswith(b"HTTP/1.0 404")
 
 
+@pytest.mark.timeout(30)
 def test_a_picture_that_takes_long_to_draw_makes_frames_fewer_but_not_older() -> None:
     def slow(pose: RigPose) -> Image:
         time.sleep(0.05)  # as a large scene does, in real time: two and a half frames
         return striped(pose)
 
-    camera = EmulatedCamera(Axis().pose_at, slow, FAST, counter_px=6, start_s=CLOCK.now_s())
+    deep = replace(FAST, buffer_frames=8)
+    camera = EmulatedCamera(Axis().pose_at, slow, deep, counter_px=6, start_s=CLOCK.now_s())
     with MjpegServer(camera, CLOCK, on_time_s=0.2) as server:
         number, ages_s = 0, []
-        for _ in range(4):
+        for _ in range(12):
             following = server.next_frame(number)
             assert following is not None
             number, frame = following
