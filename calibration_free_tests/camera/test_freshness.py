@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ AUTOMATIC_PROP = 21  # cv2.CAP_PROP_AUTO_EXPOSURE
 LOCKABLE = {EXPOSURE_PROP: 80.0, AUTOMATIC_PROP: 3.0}
 
 
-def timing(depth: int, keeps: str = "oldest") -> CameraTiming:
-    return CameraTiming(buffer_frames=depth, exposure_s=0.012, jitter_s=0.01, keeps=keeps)  # type: ignore[arg-type]
+def timing(depth: int, keeps: Literal["oldest", "newest"] = "oldest") -> CameraTiming:
+    return CameraTiming(buffer_frames=depth, exposure_s=0.012, jitter_s=0.01, keeps=keeps)
 
 
 def assert_all_fresh(bench: Bench, moves: int, seed: int) -> None:
@@ -44,7 +45,9 @@ def test_frames_are_exposed_after_settling(depth: int, polls: bool) -> None:
 @pytest.mark.parametrize("depth", [1, 3, 8])
 @pytest.mark.parametrize("polls", [True, False], ids=["polled", "counted"])
 @pytest.mark.parametrize("keeps", ["oldest", "newest"])
-def test_a_computer_that_is_late_gets_no_stale_frame(depth: int, polls: bool, keeps: str) -> None:
+def test_a_computer_that_is_late_gets_no_stale_frame(
+    depth: int, polls: bool, keeps: Literal["oldest", "newest"]
+) -> None:
     bench = Bench(timing(depth, keeps), polls=polls, slow_host=True, seed=depth)
     bench.camera.connect()
     assert_all_fresh(bench, 40, seed=depth)
