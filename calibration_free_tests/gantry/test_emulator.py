@@ -137,7 +137,7 @@ def test_twenty_five_unthrottled_jogs_go_on_after_their_cancel() -> None:
     terminal = Terminal(GRBL_1_1)
     terminal.home()
     for _ in range(25):
-        terminal.port.write(b"$J=G91F1000X-2.000\n")
+        terminal.port.write(b"$J=G91 X-2.000 F1000\n")
         terminal.clock.sleep_s(0.002)
     terminal.listen(0.2)
     assert terminal.machine.state is State.JOG
