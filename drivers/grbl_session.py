@@ -1,8 +1,7 @@
 """A conversation with a connected GRBL-family controller: lines and their answers, status reports that can be trusted.
 
-It keeps what is known of the controller (homed, alarm, position) and raises when something unasked for happens: an
-alarm, a restart, an answer too many, silence. It never repeats a line; only ``?`` is asked again. Between two reads it
-looks whether a STOP has been called for, and then gives up at once.
+It keeps what is known (homed, alarm, position) and raises when something unasked for happens: an alarm, a restart, an
+answer too many, silence. No line is repeated, only ``?`` asked again. Between reads it gives up if a STOP was called.
 """
 
 from __future__ import annotations

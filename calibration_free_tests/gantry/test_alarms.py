@@ -47,6 +47,17 @@ def test_a_banner_that_we_did_not_cause_ends_homed_and_what_was_queued(dialect: 
 
 
 @pytest.mark.parametrize("dialect", ALL, ids=name_of)
+def test_a_restart_ends_homed_even_where_the_controller_comes_back_idle(dialect: Dialect) -> None:  # 3
+    bench = Bench(dialect, firmware={**BENCH, 20: 0, 21: 0, 22: 0}, homing="none")
+    bench.gantry.connect()
+    strike(bench, 0.0, FaultKind.BANNER)
+    bench.clock.sleep_s(0.5)
+    status = bench.gantry.status()
+    assert (status.motion, status.homed, status.position_mm) == (Motion.IDLE, False, None)
+    assert "restarted" in status.trouble
+
+
+@pytest.mark.parametrize("dialect", ALL, ids=name_of)
 def test_the_silence_of_homing_is_no_disconnect(dialect: Dialect) -> None:  # 13
     bench = Bench(dialect)
     bench.gantry.connect()

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from calibration_free_tests.gantry.simulated_bench import ALL, BOTH, Bench, name_of
+from drivers.grbl_replies import Garbage, parse_reply
 from drivers.grbl_settings import GrblAxis
 from rig.errors import HardwareError, UnreachableError
 from sim_backends.faults import Fault, FaultKind, Side
@@ -99,31 +100,40 @@ def test_a_wrong_answer_stops_and_brings_back_into_step(dialect: Dialect, answer
     assert bench.monitor.violations == []
 
 
+GARBLED = [
+    b"<Idle|MPos:-100.000,-50.000,-20.0",
+    b"<Idle|MPos:-900.000,-50.000,-20.000|FS:0,0>\r\n",
+    b"<Idle|MPos:100.000,-50.000,-20.000|FS:0,0>\r\n",
+    b"<Idle|MPos:-100.0,-50.000,-20.000|FS:0,0>\r\n",
+    b"<Idme|MPos:-100.000,-50.000,-20.000|FS:0,0>\r\n",
+    b"<Idle|MPos:-100.000,-50.000|FS:0,0>\r\n",
+    b"<Idle|MPos:-100.000,-50.000,-20.000<Idle|FS:0,0>\r\n",
+    b"\xff\x00garbage\r\n",
+]
+
+
 @pytest.mark.parametrize("dialect", BOTH, ids=name_of)
-def test_garbled_status_lines_are_dropped_and_the_position_never_jumps(dialect: Dialect) -> None:  # 11
+@pytest.mark.parametrize("garbled", GARBLED)
+def test_garbled_status_lines_are_dropped_and_the_position_never_jumps(dialect: Dialect, garbled: bytes) -> None:  # 11
     bench = Bench(dialect)
     gantry = bench.homed()
     gantry.move_to(*PLACE)
-    take = bench.machine.take_output
-    garbled = iter(
-        [
-            b"<Idle|MPos:-100.000,-50.000,-20.0",
-            b"<Idle|MPos:-900.000,-50.000,-20.000|FS:0,0>\r\n",
-            b"<Idle|MPos:-100.00,-50.000,-20.000|FS:0,0>\r\n",
-            b"<Idme|MPos:-100.000,-50.000,-20.000|FS:0,0>\r\n",
-        ]
-    )
+    take, left = bench.machine.take_output, [garbled]
 
     def taken() -> list[tuple[float, bytes]]:
-        return [(at_s, next(garbled, data)) if data.startswith(b"<") else (at_s, data) for at_s, data in take()]
+        return [(at_s, left.pop() if left and data.startswith(b"<") else data) for at_s, data in take()]
 
     bench.machine.take_output = taken  # type: ignore[method-assign]  # the fault is in the machine's voice
-    for _ in range(6):
-        try:
-            place = gantry.status().position_mm
-        except HardwareError:  # too many in a row
-            return
-        assert place == pytest.approx(PLACE)
+    for _ in range(3):
+        status = gantry.status()
+        assert status.position_mm == pytest.approx(PLACE)
+        assert status.homed
+    assert not left
+
+
+@pytest.mark.parametrize("garbled", [line for line in GARBLED if b"900" not in line and b":100" not in line])
+def test_what_is_no_whole_status_report_is_not_read_as_one(garbled: bytes) -> None:  # 11
+    assert isinstance(parse_reply(garbled.decode("latin-1").rstrip()), Garbage)
 
 
 @pytest.mark.parametrize("dialect", BOTH, ids=name_of)

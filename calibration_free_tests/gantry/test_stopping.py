@@ -201,7 +201,7 @@ def test_a_lost_line_end_does_not_keep_grblhal_from_stopping() -> None:  # 19
     bench.clock.sleep_s(0.1)
     stop = gantry.stop()
     assert not bench.machine.planner.running
-    assert bench.truth[0] > -50.0
+    assert bench.truth[0] > -20.0  # it did not take the reset, seconds later, to stop it
     assert stop.sent_at_s is not None
     assert gantry.connect().kind == "grblHAL"
 

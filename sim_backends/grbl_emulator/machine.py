@@ -74,15 +74,13 @@ class GrblMachine:
         self._stuck_until: dict[int, float] = {}
         self.power_up()
 
-    # What the transport sees ------------------------------------------------------------------------------------
-
     def receive(self, byte: WireByte) -> None:
         """A byte arrives; time must have been advanced to its arrival."""
         if self.off or self.hung:
             return
         if self.monitor is not None:
             self.monitor.observe(byte, self)
-        if not self.deaf:
+        if "deaf" not in self.timers:  # writing the EEPROM
             realtime.receive(self, byte.value)
             self.run_main()
 
@@ -121,8 +119,6 @@ class GrblMachine:
         out, self._out = self._out, []
         return out
 
-    # What the main loop and its helpers use ---------------------------------------------------------------------
-
     @property
     def off(self) -> bool:
         """Without power, or booting."""
@@ -132,16 +128,6 @@ class GrblMachine:
     def hung(self) -> bool:
         """The firmware does nothing; motion that was planned goes on."""
         return "hung" in self.timers
-
-    @property
-    def deaf(self) -> bool:
-        """Writing the EEPROM."""
-        return "deaf" in self.timers
-
-    @property
-    def rx_free(self) -> int:
-        """Bytes that still fit the receive buffer."""
-        return realtime.RX_BYTES - len(self.rx)
 
     @property
     def held(self) -> bool:
@@ -176,6 +162,7 @@ class GrblMachine:
             self.say("[MSG:Reset to continue]")
         mute = self.critical and self.dialect.mute_when_critical
         self.loop = program.dead_loop() if mute else program.main_loop(self)
+        self._show_monitor()
 
     def limits(self) -> MachineLimits:
         """What the settings allow the planner."""
@@ -205,16 +192,19 @@ class GrblMachine:
         """Leave the alarm state, as ``$X`` does."""
         self.state, self.alarm = State.IDLE, None
         self.say("[MSG:Caution: Unlocked]")
+        self._show_monitor()
 
     def begin_homing(self) -> None:
         """Homing starts: until it ends well, nothing is known of the place."""
         self.planner.flush()
         self.state, self.homed, self.alarm = State.HOME, False, None
+        self._show_monitor()
 
     def end_homing(self, position: Triple) -> None:
         """Homing has ended well, at this place; a ``?`` that came meanwhile is answered now."""
         self.place(position)
         self.state, self.homed = State.IDLE, True
+        self._show_monitor()
         if self.asked_while_homing:
             self.asked_while_homing = False
             self.say(report.status(self))
@@ -240,8 +230,6 @@ class GrblMachine:
         else:
             self._restart()
 
-    # Inside ---------------------------------------------------------------------------------------------------------
-
     def _restart(self) -> None:
         """Print the banner and begin the main loop anew: what resets of all kinds share."""
         self.rx.clear()
@@ -256,6 +244,12 @@ class GrblMachine:
         if self.state is State.ALARM:
             self.say("[MSG:'$H'|'$X' to unlock]")
         self.loop = program.main_loop(self)
+        self._show_monitor()
+
+    def _show_monitor(self) -> None:
+        """Homed or alarm has changed."""
+        if self.monitor is not None:
+            self.monitor.look(self)
 
     def reset(self) -> None:
         """0x18: drop everything; in motion the position is lost."""

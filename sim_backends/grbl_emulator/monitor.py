@@ -76,11 +76,15 @@ class Monitor:
         """Note a violation."""
         self.violations.append(Violation(at_s, what, line, altered))
 
+    def look(self, machine: GrblMachine) -> None:
+        """Note since when the machine has been unhomed or in alarm."""
+        self._watch("unhomed", machine.now_s, holds=not machine.homed)
+        self._watch("in alarm", machine.now_s, holds=machine.state.value == "Alarm")
+
     def observe(self, byte: WireByte, machine: GrblMachine) -> None:
         """Look at a byte, before the machine reads it."""
         self.bytes_seen += 1
-        self._watch("unhomed", machine.now_s, holds=not machine.homed)
-        self._watch("in alarm", machine.now_s, holds=machine.state.value == "Alarm")
+        self.look(machine)
         self._altered = self._altered or byte.altered
         char = chr(byte.value)
         if byte.value == 0x18:

@@ -11,8 +11,6 @@ from sim_backends.grbl_emulator.states import State
 if TYPE_CHECKING:  # the machine imports this module
     from sim_backends.grbl_emulator.machine import GrblMachine
 
-RX_BYTES = 128
-
 
 def receive(machine: GrblMachine, value: int) -> None:
     """Take a byte; one that finds the buffer full is lost, and GRBL throws away what it does not know above 0x7F."""
@@ -20,7 +18,7 @@ def receive(machine: GrblMachine, value: int) -> None:
     as_text = machine.dialect.text_in_system_lines and machine.system_line and value in b"?!~"
     if request is not None and not as_text:
         _obey(machine, request)
-    elif value < 0x7F and len(machine.rx) < RX_BYTES:
+    elif value < 0x7F and len(machine.rx) < report.RX_BYTES:
         machine.rx.append(value)
         if value in b"\r\n":
             machine.line_open = machine.system_line = False

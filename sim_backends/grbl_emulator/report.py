@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 
 from sim_backends.grbl_emulator.gcode import MM_PER_INCH, Triple, work_offset
 
+RX_BYTES = 128
+"""What the receive buffer holds."""
+
 if TYPE_CHECKING:  # the machine imports this module
     from sim_backends.grbl_emulator.machine import GrblMachine
 
@@ -76,7 +79,7 @@ def status(machine: GrblMachine, *, everything: bool = False) -> str:
         work = (place[0] - shift[0], place[1] - shift[1], place[2] - shift[2])
         fields = [state, f"WPos:{_numbers(machine, work)}"]
     if mask & 2:
-        fields.append(f"Bf:{machine.dialect.planner_blocks - len(machine.planner)},{machine.rx_free}")
+        fields.append(f"Bf:{machine.dialect.planner_blocks - len(machine.planner)},{RX_BYTES - len(machine.rx)}")
     speed = sum(v * v for v in machine.planner.velocity) ** 0.5 * 60.0
     fields.append(f"FS:{speed / (MM_PER_INCH if machine.eeprom.flag(13) else 1.0):.0f},0")
     pins = "".join(axis for axis, pressed in zip("XYZ", machine.mechanics.tripped(), strict=True) if pressed)
