@@ -334,18 +334,50 @@ def test_point_27_garbled_packets_are_read_again_and_writes_are_checked(fault: d
     assert bench.monitor.violations == []
 
 
+def echo_answers(bench: Workbench, after_s: float) -> None:
+    """Let each answer come once more, so long after it began."""
+    begun_answers, copies = bench.emulated.take_output, []
+
+    def begun_and_copied() -> list[tuple[float, bytes]]:
+        begun = begun_answers()
+        fresh = [(at_s + after_s, data) for at_s, data in begun if (at_s, data) not in copies]
+        copies.extend(fresh)
+        bench.emulated._replies.extend(fresh)
+        return begun
+
+    bench.emulated.take_output = begun_and_copied  # type: ignore[method-assign]
+
+
 def test_point_27_doubled_answers_are_never_taken_for_later_ones() -> None:
-    """Each answer comes twice: whoever takes the next packet for the next answer stays one behind for ever."""
     bench = Workbench(pan_settings())
-    answers = bench.emulated.take_output
-    bench.emulated.take_output = lambda: [one for one in answers() for _ in range(2)]  # type: ignore[method-assign]
     axis = bench.ready()
+    echo_answers(bench, after_s=1.4e-3)  # just behind the answer, which takes 1.2 ms: after the next question
     for wish in (20.0, -20.0):
         assert axis.move_to(wish) == pytest.approx(wish, abs=0.1)
         assert bench.angle_deg() == pytest.approx(wish, abs=0.1)
     bench.servo.write(64, b"\x00")
-    bench.servo.turn_by_hand(1000.0)
-    assert axis.status().position == pytest.approx(bench.angle_deg(), abs=0.1)
+    for _ in range(20):
+        axis.status()
+        bench.servo.turn_by_hand(50.0)
+        assert axis.status().position == pytest.approx(bench.angle_deg(), abs=0.1)
+
+
+def test_point_27_a_goal_that_was_lost_is_not_sent_again_to_a_servo_that_has_rebooted() -> None:
+    bench = Workbench(pan_settings())
+    axis = bench.ready()
+    write = bench.servo.write
+
+    def reboot_at_the_goal(address: int, data: bytes) -> int:
+        if address != table.GOAL_POSITION.address:
+            return write(address, data)
+        bench.servo.power_cycle(bench.clock.now_s())
+        bench.servo._booted_s = 0.0  # it is back at once
+        return 0
+
+    bench.servo.write = reboot_at_the_goal  # type: ignore[method-assign]
+    with pytest.raises(HardwareError, match="has rebooted"):
+        axis.move_to(50.0)
+    assert bench.monitor.violations == []
 
 
 def test_point_27_what_the_servo_does_not_take_is_an_error() -> None:
@@ -529,6 +561,17 @@ def test_point_32_a_stop_follows_the_torque_policy_and_ends_the_move(policy: str
     bench.clock.sleep_s(2.0)
     assert bench.angle_deg() == pytest.approx(stopped, abs=0.1)
     assert bench.monitor.violations == []
+
+
+def test_point_32_no_goal_follows_a_stop() -> None:
+    bench = Workbench(pan_settings())
+    axis = bench.ready()
+    goals = bench.monitor.goals
+    bench.clock.call_at(bench.clock.now_s() + 3e-3, axis.stop)  # while the watchdog is being armed
+    with pytest.raises(HardwareError, match="was stopped"):
+        axis.move_to(200.0)
+    assert bench.monitor.goals == goals
+    assert axis.move_to(10.0) == pytest.approx(10.0, abs=0.1)  # to latch a STOP is the guard's
 
 
 def test_point_32_a_stop_that_cannot_be_sent_says_so_and_never_raises() -> None:
