@@ -148,6 +148,7 @@ def test_a_full_disk_leaves_the_grid_as_it_was(tmp_path: Path, monkeypatch: pyte
             except RigError as failure:
                 raised = failure
         assert raised is None or ("No space left" in str(raised) and raised.exit_code == 1)
+        assert len(list(tmp_path.rglob("*.png"))) == kept
         assert not list(tmp_path.rglob("*.part"))
         if kept:
             grid = read_grid(tmp_path)

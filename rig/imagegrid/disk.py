@@ -48,10 +48,11 @@ class TakenBackError(OSError):
 def make_folder(disk: Disk, folder: Path, root: Path | None = None) -> None:
     """Make a folder, and make it last: what holds it is flushed, up to ``root`` or to what was there before."""
     missing = [f for f in (folder, *folder.parents) if not f.is_dir()]
-    top = root or (missing[-1].parent if missing else folder.parent)
+    # Two levels also where nothing was missing: whoever made them (``grids/new``) may have been killed before it could
+    # flush.
+    top = root or (missing or [folder])[-1].parent.parent
     for new in reversed(missing):
         disk.mkdir(new)
-    # Also where nothing was missing: whoever made it may have been killed before it could flush.
     while folder != top:
         folder = folder.parent
         sync_folder(disk, folder)

@@ -68,7 +68,6 @@ def recover(
         mended += _strike_out(folder, list(progress(frames)), disk)
     else:
         raise_problems([p for frame in progress(frames) for p in _changed(folder, frame)], ImageGridError)
-    sync_folder(disk, folder)
     info, frames, problems, _ = read_manifest(folder)
     raise_problems(problems, ImageGridError)
     return Recovered(info, tuple(frames), manifest.read_bytes().count(b"\n"), tuple(mended))
