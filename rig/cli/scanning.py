@@ -228,6 +228,7 @@ class Session:
                 # Before anything else is waited for, the picture in hand included.
                 if isinstance(self.rig, Stoppable):
                     self.rig.stop()
+                self.scan.finish = Finish.INTERRUPTED
                 raise
             finally:
                 self._tell(self.scan)

@@ -105,8 +105,9 @@ class Scan:
         """
         try:
             yield from self._frames()
-        except RigError:
-            self.finish = Finish.FAILED
+        except BaseException as error:
+            stopped = isinstance(error, KeyboardInterrupt | GeneratorExit)
+            self.finish = Finish.INTERRUPTED if stopped else Finish.FAILED
             raise
 
     def _frames(self) -> Iterator[GridFrame]:
