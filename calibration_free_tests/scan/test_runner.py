@@ -113,10 +113,28 @@ def test_pictures_that_stay_bad_stop_the_scan_and_what_was_good_is_kept(tmp_path
     def check(frame: Frame) -> str:
         return "black" if frame.rig_pose == row(3)[2] else ""
 
-    with pytest.raises(HardwareError, match=r"images/00003\.png.* is black, 3 times running.*--resume"):
+    with pytest.raises(HardwareError, match=r"images/00003\.png: no good .* in 3 attempts: black\..*--resume"):
         scan_into(tmp_path / "grid", row(5), rig, check=check, retries=2)
     assert len(rig.captured) == 2 + 3
     assert [frame.file for frame in read_grid(tmp_path / "grid").frames] == FILES[:2]
+
+
+def test_a_bad_picture_that_the_camera_itself_reports_is_taken_again() -> None:
+    class FrozenError(HardwareError):
+        pass
+
+    rig, troubles = FakeRig(), iter([FrozenError("frozen"), FrozenError("frozen")])
+
+    def before(what: str, pose: RigPose) -> None:
+        if what == "capture" and (trouble := next(troubles, None)) is not None:
+            raise trouble
+
+    rig.before = before
+    assert len(list(a_scan(rig, row(2), quick_store(rig), bad_frames=(FrozenError,), pause_s=60.0))) == 2
+    assert rig.clock.now_s() > 1000.0 + 120.0
+    troubles = iter([FrozenError("frozen")] * 3)
+    with pytest.raises(HardwareError, match="in 3 attempts: frozen"):
+        list(a_scan(rig, row(2), quick_store(rig), bad_frames=(FrozenError,)))
 
 
 @pytest.mark.parametrize("what", ["move", "capture"])

@@ -28,12 +28,12 @@ DONE, INTERRUPTED = 0, 130
 class Stoppable(Protocol):
     """A rig that really moves."""
 
-    def hold(self) -> None:
-        """Bring motion to rest, from any thread; the move under way ends with an error."""
+    def hold(self) -> object:
+        """Bring motion to rest, from any thread; the move under way ends with an error. Never raises."""
         ...
 
     def stop(self) -> object:
-        """STOP."""
+        """STOP. Never raises."""
         ...
 
 
@@ -235,13 +235,8 @@ class Session:
         return DONE if self.scan.finish is Finish.DONE else INTERRUPTED
 
     def _hold(self) -> None:
-        from rig.errors import RigError
-
         if isinstance(self.rig, Stoppable):
-            try:
-                self.rig.hold()
-            except RigError as error:
-                typer.echo(f"rig: {error}", err=True)
+            self.rig.hold()
 
     def _tell(self, scan: Scan) -> None:
         from rig.scan import Finish

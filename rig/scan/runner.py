@@ -65,6 +65,7 @@ class Scan:
         clock: for the pauses.
         sides: axes that are approached from one side.
         check: judges each picture before it is kept.
+        bad_frames: errors by which the rig's own camera says that it gives bad pictures; taken like a bad check.
         retries: how often a bad picture is taken again.
         pause_s: waited before each retry.
         stop: asked before and after each move; true ends the scan. A move that fails while it is true was broken off
@@ -84,6 +85,7 @@ class Scan:
         clock: Clock,
         sides: Sequence[OneSided] = (),
         check: FrameCheck = no_check,
+        bad_frames: tuple[type[HardwareError], ...] = (),
         retries: int = 2,
         pause_s: float = 1.0,
         stop: Callable[[], bool] = lambda: False,
@@ -92,7 +94,7 @@ class Scan:
         self.broken_off = ""
         self._rig, self._targets, self._store, self._clock = rig, targets, store, clock
         self._sides, self._check, self._retries, self._pause_s = tuple(sides), check, retries, pause_s
-        self._stop = stop
+        self._bad_frames, self._stop = bad_frames, stop
         self._last: RigPose | None = None
 
     def __iter__(self) -> Iterator[GridFrame]:
@@ -146,14 +148,19 @@ class Scan:
             yield frame
 
     def _good_frame(self, target: Target) -> Frame:
+        trouble = ""
         for attempt in range(self._retries + 1):
             if attempt:
                 self._clock.sleep_s(self._pause_s)
-            frame = self._rig.capture()
+            try:
+                frame = self._rig.capture()
+            except self._bad_frames as error:
+                trouble = str(error)
+                continue
             trouble = self._check(frame)
             if not trouble:
                 return frame
         raise HardwareError(
-            f"{target.file}: the picture at {target.pose} is {trouble}, {self._retries + 1} times running. "
+            f"{target.file}: no good picture at {target.pose} in {self._retries + 1} attempts: {trouble}. "
             "Look at the camera and the light, then go on with --resume"
         )
