@@ -40,7 +40,7 @@ def test_every_command_has_help_with_an_example(path: tuple[str, ...], capsys: p
 
 def test_commands_of_the_design_are_there() -> None:
     names = {" ".join(path) for path in EVERY}
-    assert names >= {"demo", "recognise", "simulate", "report", "replay"}
+    assert names >= {"demo", "recognise", "simulate", "scan", "report", "replay"}
     assert names >= {"model check", "model show", "import lightfield"}
 
 

@@ -11,11 +11,15 @@ from types import FrameType
 
 
 @contextmanager
-def ends_gently() -> Iterator[Callable[[], bool]]:
+def ends_gently(
+    saying: str = "finishing this view; press Ctrl-C again to stop at once",
+    at_first: Callable[[], None] | None = None,
+) -> Iterator[Callable[[], bool]]:
     """While inside, SIGINT and SIGTERM are requests; yields a function that says whether one was made.
 
-    A second SIGINT raises KeyboardInterrupt wherever the program is. In a thread other than the main one signals are
-    left as they are.
+    The first is answered with ``saying``, and calls ``at_first`` in a thread of its own: what was interrupted may hold
+    a lock that ``at_first`` waits for. A second SIGINT raises KeyboardInterrupt wherever the program is. In a thread
+    other than the main one signals are left as they are.
     """
     asked = threading.Event()
 
@@ -23,7 +27,9 @@ def ends_gently() -> Iterator[Callable[[], bool]]:
         if asked.is_set():
             raise KeyboardInterrupt
         asked.set()
-        print("finishing this view; press Ctrl-C again to stop at once", file=sys.stderr, flush=True)
+        print(saying, file=sys.stderr, flush=True)
+        if at_first is not None:
+            threading.Thread(target=at_first, name="at first Ctrl-C", daemon=True).start()
 
     if threading.current_thread() is not threading.main_thread():
         yield asked.is_set
