@@ -71,13 +71,19 @@ def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
 
 
 def leading_group(world: World, belief: Belief, views: list[Seen]) -> npt.NDArray[np.bool_]:
-    """``(H,)`` hypotheses that say what the leading one says: same object, and the camera at nearly the same pose."""
+    """``(H,)`` hypotheses that say what the leading one says: same object, and the camera at nearly the same pose.
+
+    Where depth is open, hypotheses that match the same parts in every view may still stand apart along it: they
+    are one place, and how far they stand apart is an unsure pose, not another place.
+    """
     hypotheses = belief.hypotheses
     pan, centre = camera_in_objects(hypotheses.placement, views[-1].camera_row)
     distance = _distance_to_parts(world, belief, views)
     turn = np.abs(np.remainder(pan - pan[0] + np.pi, 2 * np.pi) - np.pi)
     near = np.linalg.norm(centre - centre[0], axis=1) < 0.12 * distance
-    return np.asarray((hypotheses.object_of == hypotheses.object_of[0]) & near & (turn < np.radians(4.0)))
+    parts = [np.sort(found.part, axis=1) for found in hypotheses.matches]
+    alike = np.all([(part == part[0]).all(axis=1) for part in parts], axis=0)
+    return np.asarray((hypotheses.object_of == hypotheses.object_of[0]) & (near | alike) & (turn < np.radians(4.0)))
 
 
 def _distance_to_parts(world: World, belief: Belief, views: list[Seen]) -> float:
