@@ -28,12 +28,18 @@ class Halts(Protocol):
 
 
 @contextmanager
-def ends_gently(rig: Halts | None = None) -> Iterator[Callable[[], bool]]:
+def ends_gently(rig: object = None) -> Iterator[Callable[[], bool]]:
     """While inside, SIGINT and SIGTERM are requests; yields a function that says whether one was made.
 
-    The first also holds the motion of a live rig; the second stops it for good (STOP, latched), and raises
-    KeyboardInterrupt wherever the program is. In a thread other than the main one signals are left as they are.
+    Of a rig that moves (`Halts`) the first also holds the motion; the second stops it for good (STOP, latched), and
+    raises KeyboardInterrupt wherever the program is. In a thread other than the main one signals are left as they are.
     """
+    halts = rig if isinstance(rig, Halts) else None
+    saying = (
+        "holding motion, finishing the picture in hand; Ctrl-C again: STOP"
+        if halts
+        else "finishing this view; press Ctrl-C again to stop at once"
+    )
     asked = threading.Event()
     # A signal may come while the main thread holds any lock: another thread, begun before, does what it asks for.
     wishes: SimpleQueue[str] = SimpleQueue()
@@ -44,15 +50,12 @@ def ends_gently(rig: Halts | None = None) -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         asked.set()
         wishes.put("hold")
-        if rig is None:
-            print("finishing this view; press Ctrl-C again to stop at once", file=sys.stderr, flush=True)
-        else:
-            print("holding motion, finishing the picture in hand; Ctrl-C again: STOP", file=sys.stderr, flush=True)
+        print(saying, file=sys.stderr, flush=True)
 
     if threading.current_thread() is not threading.main_thread():
         yield asked.is_set
         return
-    helper = threading.Thread(target=_follow, args=(wishes, rig), name="Ctrl-C", daemon=True)
+    helper = threading.Thread(target=_follow, args=(wishes, halts), name="Ctrl-C", daemon=True)
     helper.start()
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -87,8 +87,7 @@ def demo(
     with nullcontext(grid) if grid is not None else tempfile.TemporaryDirectory(prefix="rig-demo-") as folder:
         print(f"rendering one of the {MODELS} models into an image grid ...", file=stream, flush=True)
         what = prepare(Path(folder), seed, lambda poses: shown(poses, "rendering"))
-        listed = ", ".join(f"{number} {name}" for name, number in what.in_view.items())
-        print(f"the first view shows {listed}: it fits {what.places_that_fit} places", file=stream, flush=True)
+        print(what.first_view, file=stream, flush=True)
         bench = what.bench()
         with open_rig(bench) as rig:
             rig.move_to(rig.nearest(what.start))
@@ -131,13 +130,17 @@ def recognise(
     pose_sd_mm: Annotated[
         float | None,
         typer.Option(
-            "--pose-sd-mm", metavar="MM", help="Go on until the position is this sure. [default: the bench's goal]"
+            "--pose-sd-mm",
+            metavar="MM",
+            help="Go on until the position is this sure; not in paper mode. [default: the bench's goal]",
         ),
     ] = None,
     pose_sd_deg: Annotated[
         float | None,
         typer.Option(
-            "--pose-sd-deg", metavar="DEG", help="Go on until the pan is this sure. [default: the bench's goal]"
+            "--pose-sd-deg",
+            metavar="DEG",
+            help="Go on until the pan is this sure; not in paper mode. [default: the bench's goal]",
         ),
     ] = None,
     seed: Seed = 0,
@@ -153,7 +156,7 @@ def recognise(
 ) -> None:
     """Tell which object stands before the rig, and where the camera is, from as few views as it takes.
 
-    Exit code 0 only if it was recognised; 1 if the run ended undecided.
+    Exit code 0 if it was recognised, be the pose as sure as asked or not; 1 if the run ended undecided.
     """
     import numpy as np
 
@@ -262,10 +265,20 @@ def chosen(option: str, name: str, group: str) -> str:
 def _settings(
     *, mode: Mode = Mode.GRADED, policy: str | None, threshold: float | None = None, **others: Any
 ) -> RecogniserSettings:
-    """The settings, with what each mode takes where the user chose nothing."""
+    """The settings, with what each mode takes where the user chose nothing.
+
+    Raises:
+        InputError: there is no such policy, or paper mode was asked for a surer pose.
+    """
     from recognition.settings import RecogniserSettings
+    from rig.errors import InputError
 
     paper = mode is Mode.PAPER
+    for option, key in (("--pose-sd-mm", "pose_sd_mm"), ("--pose-sd-deg", "pose_sd_deg")):
+        if paper and others.get(key) is not None:
+            raise InputError(
+                "paper mode takes no view to make the pose surer", where=option, remedy="Leave it out, or take graded"
+            )
     return RecogniserSettings(
         mode="paper" if paper else "graded",
         policy=chosen("--policy", policy or ("paper" if paper else "information"), "rig.policies"),

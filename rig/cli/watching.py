@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from recognition.steps import Answer, Outcome
-from rig.cli.interrupt import Halts, ends_gently
+from rig.cli.interrupt import ends_gently
 from rig.report import write_report
 from rig.run import RunRecorder, Steps, watch
 from rig.table import LiveTable, summary
@@ -24,7 +24,7 @@ def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool, rig: object = No
     """
     stream = sys.stderr if as_json else sys.stdout
     try:
-        with ends_gently(rig if isinstance(rig, Halts) else None) as stop, LiveTable(stream) as table:
+        with ends_gently(rig) as stop, LiveTable(stream) as table:
             answer = watch(keeper.record(steps, stop), table.show)
         print(summary(answer), file=stream)
     finally:
