@@ -16,9 +16,9 @@ STARTS = {
     4: Start("LH", 0, 146),
     5: Start("LH", 0, 768),
 }
-"""For each experiment its first start, from seed 0 on; seeds 0 to 3 have none for Experiment 3. Object and pose of a seed
-follow from the rule in ``experiments``; they are kept here because the search takes minutes. How the first five starts of
-each end is in docs/results.md.
+"""For each experiment its first start, from seed 0 on; seeds 0 to 3 have none for Experiment 3. Object and pose of a
+seed follow from the rule in ``experiments``; they are kept here because the search takes minutes. How the first five
+starts of each end is in docs/results.md.
 """
 
 
