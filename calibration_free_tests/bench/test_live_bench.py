@@ -87,7 +87,7 @@ def load(folder: Path, text: str) -> BenchConfig:
         ("-398", "5", "7:8: devices.gantry.x: lower_mm 5.0 must be below upper_mm -1.0"),
         ("XM430-W350", "XM43", "10:8: devices.pan: model 'XM43' is none of XL330-M077"),
         ("mode: extended", "mode: fast", "devices.pan.mode: should be 'position', 'extended' or 'current_based'"),
-        ("kind: pan,", "kind: tilt,", "11:12: devices.pan.role.kind: should be 'pan' or 'zoom', not the text 'tilt'"),
+        ("kind: pan,", "kind: tilt,", "11:18: devices.pan.role.kind: should be 'pan' or 'zoom', not the text 'tilt'"),
         ("kind: pan,", "", "11:11: devices.pan.role.kind: this key is missing. Add `kind: ...`."),
         # Axes, with units in their names.
         ("speed_mm_per_s: 40", "speed_deg_per_s: 40", "16:32: axes.z_mm.speed_deg_per_s: unknown key. Did you mean"),
