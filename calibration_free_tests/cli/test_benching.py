@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from calibration_free_tests.bench.plugins import ROOT, install
+from calibration_free_tests.guard.sample import bench as fresh_bench
 from rig.bench import load_bench
 from rig.cli.app import app
 from rig.imagegrid import read_grid
@@ -109,6 +110,18 @@ def test_homing_tells_where_it_stands_and_what_each_device_is(
     told = json.loads(capsys.readouterr().out)
     assert (told["state"], told["pose"]["theta_deg"]) == ("idle", 30.0)
     assert told["identities"]["gantry"] == "simulated gantry 1 at nowhere"
+
+
+def test_a_bench_that_was_just_switched_on_is_homed_and_referenced_by_one_command(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = fresh_bench()
+    made.gantry.raise_alarm(11)  # as a controller is that wants to be homed
+    made.pan.lose_power()
+    monkeypatch.setattr("rig.bench.open_live", lambda config: made.guard)
+    assert run("home", person.bench, "--theta-deg", 30, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["state"], told["pose"]["theta_deg"]) == ("idle", 30.0)
 
 
 def test_a_move_goes_there_and_by_a_step_and_leaves_other_axes(
