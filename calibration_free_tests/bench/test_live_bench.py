@@ -1,4 +1,4 @@
-"""Live bench files are read strictly, drivers and their settings included; what is wrong is told with place and remedy."""
+"""Live bench files are read strictly, drivers' settings too; what is wrong is told with its place and a remedy."""
 
 from __future__ import annotations
 

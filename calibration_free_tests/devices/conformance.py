@@ -26,7 +26,7 @@ class GantryConformance:
 
     def test_nothing_is_answered_before_connecting(self, gantry: LiveGantry) -> None:
         for ask in (gantry.status, gantry.home, lambda: gantry.move_to(*self.here), gantry.unlock):
-            with pytest.raises(HardwareError, match="[Cc]onnect"):
+            with pytest.raises(HardwareError, match=r"[Cc]onnect"):
                 ask()
 
     def test_connecting_identifies_and_moves_nothing(self, gantry: LiveGantry) -> None:

@@ -459,8 +459,8 @@ def test_a_hold_between_the_legs_of_a_move_sends_no_further_leg() -> None:
     made = homed(ONE_SIDED)
     made.guard.move_to(at(x_mm=0.0))
     before = len(made.motions)
-    made.gantry.on_motion = lambda kind, target: made.motions.append((kind, made.guard.state)) or in_a_moment(
-        made, made.guard.hold, 0.5
+    made.gantry.on_motion = lambda kind, target: (
+        made.motions.append((kind, made.guard.state)) or in_a_moment(made, made.guard.hold, 0.5)
     )
     with pytest.raises(HeldError):
         made.guard.move_to(at(x_mm=-100.0))

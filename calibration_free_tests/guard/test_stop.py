@@ -50,7 +50,7 @@ def everything_but_release(guard: Guard) -> list[Callable[[], Any]]:
 def test_a_stop_ends_the_move_and_nothing_moves_before_it_is_released() -> None:  # 19
     made = homed()
     in_a_moment(made, lambda: made.guard.stop("a person"), 1.0)
-    with pytest.raises(StoppedError, match="stopped by STOP .a person"):
+    with pytest.raises(StoppedError, match=r"stopped by STOP .a person"):
         made.guard.move_to(FAR)
     before = len(made.motions)
     for ask_for in everything_but_release(made.guard):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -49,7 +50,7 @@ def test_a_way_through_the_model_is_refused_though_both_ends_are_free() -> None:
     with pytest.raises(UnreachableError, match=r"through the keep-out box 'model' .*20 mm included.*Go round"):
         refuse_way(start, end, (MODEL,))
     over = [start, replace(start, z_mm=90.0), replace(end, z_mm=90.0), end]
-    for a, b in zip(over, over[1:], strict=False):
+    for a, b in pairwise(over):
         refuse_way(a, b, (MODEL,))
 
 
