@@ -69,6 +69,18 @@ def test_every_device_that_does_not_connect_is_told_and_the_others_are_closed() 
     assert not any(device.connected for device in made.devices)
 
 
+def test_a_failed_start_tells_who_could_not_follow_its_torque_policy(monkeypatch: pytest.MonkeyPatch) -> None:  # 32
+    made = bench()
+    made.camera.unplug()
+
+    def fail() -> None:
+        raise HardwareError("torque could not be released")
+
+    monkeypatch.setattr(made.pan, "close", fail)
+    with pytest.raises(HardwareError, match=r"(?s)camera: .*pan, closing again: torque could not be released"):
+        made.guard.connect()
+
+
 def test_before_homing_nothing_moves_and_the_remedy_is_told() -> None:
     made = bench()
     made.guard.connect()
@@ -110,6 +122,20 @@ def test_homing_makes_poses_possible_and_failed_homing_loses_them() -> None:
         made.guard.move_to(START)
     made.guard.home()
     assert made.guard.move_to(START) == START
+
+
+def test_after_homing_that_failed_a_gantry_that_still_says_homed_is_not_believed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # 13
+    made = homed()
+
+    def fail() -> None:
+        raise HardwareError("the switch was not found")
+
+    monkeypatch.setattr(made.gantry, "home", fail)
+    with pytest.raises(HardwareError, match="switch was not found"):
+        made.guard.home()
+    assert made.guard.unlock() is State.UNHOMED
 
 
 # Limits, at the device's end of the wire.
@@ -465,6 +491,24 @@ def test_a_hold_between_the_legs_of_a_move_sends_no_further_leg() -> None:
     with pytest.raises(HeldError):
         made.guard.move_to(at(x_mm=-100.0))
     assert len(made.motions) == before + 1
+
+
+def test_a_hold_that_falls_between_two_legs_sends_no_further_leg(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = homed(ONE_SIDED)
+    legs: list[RigPose] = []
+    rightly = made.rig.move_to
+
+    def then_hold(leg: RigPose) -> RigPose:
+        legs.append(leg)
+        back = rightly(leg)
+        made.guard.hold()
+        return back
+
+    monkeypatch.setattr(made.rig, "move_to", then_hold)
+    with pytest.raises(HeldError):
+        made.guard.move_to(at(x_mm=-190.0))
+    assert [leg.x_mm for leg in legs] == [-192.0]
+    assert made.guard.state is State.HELD
 
 
 def test_a_hold_lets_the_picture_in_hand_be_finished() -> None:

@@ -146,6 +146,17 @@ def test_what_stopping_lost_must_be_homed_again() -> None:
     assert made.guard.release() is State.UNHOMED
 
 
+def test_a_gantry_that_has_lost_its_place_in_a_stop_is_not_believed_to_be_homed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = homed()
+    lost = StopReport(made.clock.now_s(), confirmed=True, position_kept=False)
+    monkeypatch.setattr(made.gantry, "stop", lambda: lost)
+    made.guard.stop()
+    assert made.gantry.homed
+    assert made.guard.release() is State.UNHOMED
+
+
 # From another thread.
 
 
