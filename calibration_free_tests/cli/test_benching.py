@@ -16,11 +16,15 @@ from typing import Any
 import pytest
 
 from calibration_free_tests.bench.plugins import ROOT, install
+from calibration_free_tests.guard.real_time import FIRMWARE
 from calibration_free_tests.guard.sample import bench as fresh_bench
 from rig.bench import load_bench
 from rig.cli.app import app
 from rig.imagegrid import read_grid
 from rig.runtime import Attendance
+from sim_backends.grbl_emulator.machine import GrblMachine
+from sim_backends.pty_server import PtyServer
+from sim_backends.wired_device import WiredDevice
 
 SOON_S = 20.0
 BENCH = """\
@@ -207,13 +211,33 @@ def test_a_stop_needs_something_to_stop(person: Person, capsys: pytest.CaptureFi
     assert "which bench is to be released?" in capsys.readouterr().err
 
 
+def with_a_wired_gantry(person: Person, port: str) -> None:
+    axis = "{lower_mm: 0, upper_mm: 300, feed_mm_per_min: 5000}"
+    gantry = f"driver: grbl, port: {port}, x: {axis}, y: {axis}, z: {axis}"
+    simple = "driver: simple, upper_mm: [500.0, 400.0, 300.0], speed_mm_per_s: 100.0, home_s: 0.05"
+    person.bench.write_text(BENCH.replace(simple, gantry))
+
+
+def test_a_stop_where_nobody_holds_the_bench_stops_what_another_program_has_set_in_motion(
+    person: Person, capsys: pytest.CaptureFixture[str]
+) -> None:  # 19
+    machine = GrblMachine(settings=FIRMWARE)
+    with PtyServer(WiredDevice(machine)) as server:
+        with_a_wired_gantry(person, server.path)
+        with server.lock:
+            machine.planner.add((300.0, 0.0, 0.0), 10.0, machine.limits())
+            machine.start_cycle()
+        assert run("stop", person.bench) == 0
+        assert not machine.planner.running
+        assert machine.planner.position[0] < 100.0
+    assert "STOP: everything is at rest" in capsys.readouterr().out
+    assert person.attendance.latch.note().startswith("`rig stop`")
+
+
 def test_a_stop_of_a_wired_bench_that_is_not_there_is_not_confirmed(
     person: Person, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    axis = "{lower_mm: 0, upper_mm: 300, feed_mm_per_min: 5000}"
-    gantry = f"driver: grbl, port: {person.folder}/no-such-port, x: {axis}, y: {axis}, z: {axis}"
-    upper = "driver: simple, upper_mm: [500.0, 400.0, 300.0], speed_mm_per_s: 100.0, home_s: 0.05"
-    person.bench.write_text(BENCH.replace(upper, gantry))
+    with_a_wired_gantry(person, f"{person.folder}/no-such-port")
     assert run("stop", person.bench) == 3
     text = capsys.readouterr().out
     assert "STOP: NOT CONFIRMED" in text
