@@ -7,6 +7,7 @@ nothing else is on the way. Signs, scales and squareness come in as a `Placement
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +34,9 @@ NAMES = {PAN: "pan", ZOOM: "zoom"}
 
 Result = TypeVar("Result")
 Stops = Mapping[str, Callable[[], StopReport]]
+
+STOP_S = 14.0
+"""Longer than any driver takes to give its STOP up, and shorter than `rig stop` waits for an answer."""
 
 
 class Placement(Protocol):
@@ -90,7 +94,7 @@ class RigStatus:
 
 
 def in_threads(stops: Stops) -> dict[str, StopReport]:
-    """Stop all devices at the same time: none waits until another is at rest."""
+    """Stop all devices at the same time: none waits until another is at rest, or for one that never is."""
     reports: dict[str, StopReport] = {}
 
     def run(name: str, stop: Callable[[], StopReport]) -> None:
@@ -106,9 +110,11 @@ def in_threads(stops: Stops) -> dict[str, StopReport]:
             run(name, stop)
         else:
             threads.append(thread)
+    deadline_s = time.monotonic() + STOP_S
     for thread in threads:
-        thread.join()
-    return reports
+        thread.join(max(0.0, deadline_s - time.monotonic()))
+    late = f"its STOP did not return within {STOP_S:g} s"
+    return {name: reports.get(name) or StopReport(None, False, False, late) for name in stops}
 
 
 def one_after_another(stops: Stops) -> dict[str, StopReport]:
