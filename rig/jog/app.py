@@ -1,4 +1,4 @@
-"""The screen of ``rig jog``: live picture, position within the limits, messages and keys. All it does is ask `Jogger`."""
+"""The screen of ``rig jog``: live picture, position within the limits, messages, keys. `Jogger` does what they say."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import threading
 from collections.abc import Callable
 from typing import ClassVar
 
+from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
+from textual.geometry import Size
 from textual.widgets import Static
 
 from rig.jog import draw
@@ -47,8 +49,6 @@ class JogApp(App[None]):
     """
 
     ENABLE_COMMAND_PALETTE = False
-    HORIZONTAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-narrow"), (100, "-wide")]
-    VERTICAL_BREAKPOINTS: ClassVar[list[tuple[int, str]] | None] = [(0, "-low"), (32, "-tall")]
     CSS_PATH = "app.tcss"
     BINDINGS: ClassVar[list[BindingType]] = [
         # These work on every screen, prompts included.
@@ -66,13 +66,17 @@ class JogApp(App[None]):
         Binding("n", "connect"),
         Binding("r", "resume"),
         Binding("R", "release"),
+        Binding("p", "preview"),
         Binding("q", "quit"),
     ]
 
     def __init__(self, jogger: Jogger, looker: Looker, bench: str, preview: str = "") -> None:
         super().__init__()
+        self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (100, "-wide")]
+        self.VERTICAL_BREAKPOINTS = [(0, "-low"), (32, "-tall")]
         self._jogger, self._looker, self._bench, self._preview = jogger, looker, bench, preview
-        self._shown = -1
+        self._picture = -1
+        self._shown: dict[str, Text] = {}
 
     def compose(self) -> ComposeResult:
         """Put the parts on the screen."""
@@ -84,7 +88,7 @@ class JogApp(App[None]):
             yield Static(id="axes")
         yield Static(id="troubles")
         yield Static(id="messages")
-        yield Static(draw.keys(), id="keys")
+        yield Static(id="keys")
 
     def on_mount(self) -> None:
         """Begin to follow the rig, and answer signals in order: none may leave the rig moving."""
@@ -94,26 +98,33 @@ class JogApp(App[None]):
             # Leaving holds what moves.
             for number in (signal.SIGTERM, signal.SIGHUP):
                 loop.add_signal_handler(number, self.exit)
+        if self._preview:
+            self.action_preview()
         self.follow()
         self.set_interval(REFRESH_S, self.follow)
 
     def follow(self) -> None:
-        """Show what is known now."""
+        """Show what is known now. The rig's screen is followed below a prompt, too."""
         jogger, status = self._jogger, self._jogger.glance()
-        screen = self.screen_stack[0]
-        parts = {part.id: part for part in screen.query(Static)}
-        parts["top"].update(draw.top(self._bench, status, jogger.running, jogger.waiting, self._preview))
-        axes = parts["axes"]
-        axes.update(draw.axes(status, jogger.limits, jogger.steps, axes.content_size.width))
-        parts["troubles"].update(draw.troubles(status))
-        messages = parts["messages"]
-        messages.update(draw.messages(jogger.messages, *messages.content_size))
-        look = self._looker.look
-        width = parts["look"].content_size.width
-        parts["look"].update(draw.look(look, jogger.clock, jogger.pictures, len(jogger.marks), width))
-        if look is not None and look.sequence != self._shown:
-            self._shown = look.sequence
-            screen.query_one(PictureView).show(look.small)
+        look, steps = self._looker.look, jogger.steps
+        self._put("top", lambda size: draw.top(self._bench, status, jogger.running, jogger.waiting))
+        self._put("axes", lambda size: draw.axes(status, jogger.limits, steps, *size))
+        self._put("troubles", lambda size: draw.troubles(status))
+        self._put("messages", lambda size: draw.messages(jogger.messages, *size))
+        self._put("keys", lambda size: draw.keys(steps, bool(self._preview)))
+        kept = f"{jogger.pictures} kept  {len(jogger.marks)} marks"
+        self._put("look", lambda size: draw.look(look, jogger.clock, kept, size.width))
+        if look is not None and look.sequence != self._picture:
+            self._picture = look.sequence
+            self.screen_stack[0].query_one(PictureView).show(look.small)
+
+    def _put(self, part: str, drawn: Callable[[Size], Text]) -> None:
+        widget = self.screen_stack[0].query_one(f"#{part}", Static)
+        text = drawn(widget.content_size)
+        if text != self._shown.get(part):
+            self._shown[part] = text
+            widget.display = bool(text)
+            widget.update(text)
 
     # Moving.
 
@@ -155,6 +166,11 @@ class JogApp(App[None]):
                 (self._jogger.go_to_mark if what == "go" else self._jogger.remove_mark)(name)
 
         self.push_screen(MarkList(self._jogger.marks), chosen)
+
+    def action_preview(self) -> None:
+        """Tell where the preview page is."""
+        told = f"preview: {self._preview}" if self._preview else "there is no preview page. `rig jog --preview` has one"
+        self._jogger.say("note", told)
 
     # What a person decides.
 

@@ -37,23 +37,21 @@ _MARKS = {"done": ("✓", "green"), "note": ("•", "cyan"), "refused": ("–", 
 _NAMES = {"x_mm": "X", "y_mm": "Y", "z_mm": "Z", "theta_deg": "pan", "zoom": "zoom"}
 _KEYS = {"x_mm": "← →", "y_mm": "↑ ↓", "z_mm": "PgDn PgUp", "theta_deg": ", .", "zoom": "- +"}
 _BLOCKS = "▁▂▃▄▅▆▇█"
+_OLD_S = 2.0
 _DIM, _KEY = "grey62", "bold bright_white"
 
 
-def top(bench: str, status: GuardStatus, running: str, waiting: str, preview: str) -> Text:
+def top(bench: str, status: GuardStatus, running: str, waiting: str) -> Text:
     """One line: the bench, the state, what is being done and what waits."""
     text = Text(f" {plain(bench)} ", style="bold", no_wrap=True, overflow="ellipsis")
     text.append(f" {status.state.value.upper()} ", STATE_STYLES[status.state])
     doing = running or status.running
     said = f" {doing}" if doing else f" {HINTS.get(status.state, '')}"
-    text.append(plain(said) + (f", then {plain(waiting)}" if waiting else ""))
-    if preview:
-        text.append(f"   preview: {preview}", _DIM)
-    return text
+    return text.append(plain(said) + (f", then {plain(waiting)}" if waiting else ""))
 
 
-def axes(status: GuardStatus, limits: RigLimits, steps: Mapping[str, float], width: int) -> Text:
-    """Two lines an axis: name, keys, place and step; and the place within the limits as a bar."""
+def axes(status: GuardStatus, limits: RigLimits, steps: Mapping[str, float], width: int, height: int) -> Text:
+    """Two lines an axis: name, keys, place and step; and the place within the limits as a bar. Apart where there is room."""
     lines = []
     for axis in AXES:
         limit: AxisLimits = getattr(limits, axis)
@@ -68,12 +66,14 @@ def axes(status: GuardStatus, limits: RigLimits, steps: Mapping[str, float], wid
         line.append(f"{place:>9} {unit:<2}", "dim italic" if status.stale else "")
         line.append(f" ±{steps[unit]:g}", "cyan")
         lines += [line, bar(limit, value, steps[unit], width)]
+    if height >= 3 * len(AXES):
+        lines = [line for n in range(0, len(lines), 2) for line in (*lines[n : n + 2], Text())]
     return Text("\n").join(lines)
 
 
 def bar(limit: AxisLimits, value: float | None, step: float, width: int) -> Text:
     """Travel from end to end, the present place in it, and in cyan how far one step reaches to either side."""
-    low, high = f"{limit.lower:g} ", f" {limit.upper:g}"
+    low, high = f"{limit.lower:>5g} ", f" {limit.upper:<5g}"
     cells = max(3, width - len(low) - len(high))
     text = Text(low, style=_DIM, no_wrap=True)
     if value is None:
@@ -117,9 +117,8 @@ def messages(told: Sequence[Message], width: int, height: int) -> Text:
     return Text("\n").join(lines[-max(1, height) :])
 
 
-def look(seen: Look | None, clock: Clock, pictures: int, marks: int, width: int) -> Text:
-    """Two lines below the picture: sharpness with its course, and exposure; and what has been kept."""
-    kept = f"{pictures} kept  {marks} marks"
+def look(seen: Look | None, clock: Clock, kept: str, width: int) -> Text:
+    """Below the picture: sharpness with its course, exposure, and what has been kept."""
     if seen is None:
         return Text(kept, style=_DIM)
     room = max(0, min(len(seen.course), width - 18))
@@ -127,13 +126,13 @@ def look(seen: Look | None, clock: Clock, pictures: int, marks: int, width: int)
     verdict = seen.exposure.verdict
     second = Text.assemble(
         "light ",
-        (f"{100 * seen.exposure.mean:4.0f} % ", "bold"),
+        (f"{100 * seen.exposure.mean:6.1f} % ", "bold"),
         (verdict, "green" if verdict == "good" else "bold yellow"),
-        (f"  black {100 * seen.exposure.dark:.1f} clipped {100 * seen.exposure.bright:.1f} %", _DIM),
     )
+    third = Text(f"black {100 * seen.exposure.dark:6.1f} %  clipped {100 * seen.exposure.bright:.1f} %", _DIM)
     age_s = max(0.0, clock.now_s() - seen.exposed_at_s)
-    third = Text.assemble((f"{kept}  picture {_age(age_s)}", _DIM if age_s < 2.0 else "yellow"))
-    return Text("\n").join([first, second, third])
+    fourth = Text(f"{kept}  picture {_age(age_s)}", _DIM if age_s < _OLD_S else "yellow")
+    return Text("\n").join([first, second, third, fourth])
 
 
 def spark(values: Sequence[float]) -> str:
@@ -145,22 +144,29 @@ def spark(values: Sequence[float]) -> str:
     return "".join(_BLOCKS[round((value - low) * scale)] for value in values)
 
 
-def keys() -> Text:
-    """The keys that are not shown beside the axes."""
-    number, steps = 1, []
-    for unit, sizes in STEPS.items():
-        last = number + len(sizes) - 1
-        words = " ".join(f"{size:g}" for size in sizes)
-        steps.append((f"{number}-{last}", f"{words} {unit or 'zoom'}"))
-        number = last + 1
+def keys(steps: Mapping[str, float], preview: bool) -> Text:
+    """The keys that are not shown beside the axes; of the step sizes the present ones stand out."""
+    sizes = Text("step  ", _DIM)
+    number = 1
+    for unit, offered in STEPS.items():
+        for size in offered:
+            sizes.append(str(number), _KEY).append(f" {size:g}", "bold cyan" if steps[unit] == size else _DIM).append(
+                " "
+            )
+            number += 1
+        sizes.append(f"{unit or 'zoom'}   ", _DIM)
     rows = [
-        [*steps, ("G", "go to"), ("C", "capture")],
-        [("M", "mark"), ("L", "marks"), ("H", "home"), ("F", "reference"), ("U", "unlock"), ("N", "connect")],
-        [("Ctrl-C", "hold"), ("R", "resume"), ("Shift-R", "release STOP"), ("Q", "quit")],
+        "G go to  C capture  M mark  L marks  H home  F reference  U unlock  N connect",
+        "Ctrl-C hold  R resume  Shift-R release STOP  Q quit" + ("  P preview" if preview else ""),
     ]
-    lines = [Text("  ").join(Text.assemble((key, _KEY), (f" {what}", _DIM)) for key, what in row) for row in rows]
-    lines[-1].append("   ").append(" SPACE: STOP ", "bold white on red")
-    return Text("\n").join(lines)
+    lines = [Text("  ").join(_key(entry) for entry in row.split("  ")) for row in rows]
+    lines[-1].append("  ").append(" SPACE: STOP ", "bold white on red")
+    return Text("\n").join([sizes, *lines])
+
+
+def _key(entry: str) -> Text:
+    key, _, what = entry.partition(" ")
+    return Text.assemble((key, _KEY), (f" {what}", _DIM))
 
 
 def _age(seconds: float) -> str:
@@ -170,4 +176,5 @@ def _age(seconds: float) -> str:
 def _wrapped(text: str, width: int) -> list[str]:
     import textwrap
 
-    return textwrap.wrap(text, width) or [""]
+    # An address must stay whole.
+    return textwrap.wrap(text, width, break_on_hyphens=False) or [""]

@@ -84,7 +84,7 @@ class Preview:
             raise InputError(
                 f"the preview is for this computer only, not for {host}", where="--preview", remedy=f"Use {LOOPBACK}"
             )
-        self.token = secrets.token_hex(32)
+        self.token = secrets.token_urlsafe(32)
         self._latest, self._status = latest, status
         self._encoding = threading.Lock()
         self._encoded: tuple[int, bytes] | None = None
