@@ -51,7 +51,7 @@ def top(bench: str, status: GuardStatus, running: str, waiting: str) -> Text:
 
 
 def axes(status: GuardStatus, limits: RigLimits, steps: Mapping[str, float], width: int, height: int) -> Text:
-    """Two lines an axis: name, keys, place and step; and the place within the limits as a bar. Apart where there is room."""
+    """Two lines an axis: name, keys, place and step; and the place within the limits as a bar."""
     lines = []
     for axis in AXES:
         limit: AxisLimits = getattr(limits, axis)
