@@ -1,8 +1,7 @@
-"""A homed bench of simple devices behind a real guard, on a clock that a test can let run slowly."""
+"""A homed bench of simple devices behind a real guard, on a clock that a test can stop, and a jog session at it."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,19 +13,21 @@ import numpy as np
 
 from calibration_free_tests.guard.sample import Bench, bench
 from rig.devices import Picture
-from rig.hal import Image
+from rig.guard import State
+from rig.hal import Image, RigPose
 from rig.jog.jogger import Jogger
 from rig.jog.keeping import HandGrid
 from rig.jog.marks import Marks
 from sim_backends.simulated_clock import SimulatedClock
 
 SOON_S = 5.0
+PLACE = RigPose(-100.0, 20.0, 60.0, 15.0, 0.4)
 
 
 class Gate(SimulatedClock):
-    """Simulated time that a test can stop: whoever waits then goes on only when the gate is opened, or is stopped.
+    """Simulated time that a test can stop: while the gate is shut a motion never ends by itself.
 
-    While it is shut, every wait lasts a thousandth of a second, so that a device sees a STOP, and no time passes.
+    Waits then last a thousandth of a second of real time, so that a device sees a STOP.
     """
 
     def __init__(self) -> None:
@@ -49,15 +50,28 @@ class Session:
     jogger: Jogger
     folder: Path
 
-    def rest(self) -> None:
-        assert self.jogger.rest(SOON_S), f"still {self.jogger.running}"
+    @property
+    def state(self) -> State:
+        return self.made.guard.state
 
+    @property
+    def pose(self) -> RigPose:
+        return self.made.guard.pose
+
+    @property
     def told(self) -> list[tuple[str, str]]:
         return [(message.kind, message.text) for message in self.jogger.messages]
 
-    @property
-    def last(self) -> tuple[str, str]:
-        return self.told()[-1]
+    def rest(self) -> None:
+        assert self.jogger.rest(SOON_S), f"still under way: {self.jogger.running}"
+
+    def heard(self, text: str) -> bool:
+        """It has been told, or is soon."""
+        return eventually(lambda: any(text in words for _, words in self.told))
+
+    def under_way(self) -> None:
+        """Wait until something moves."""
+        assert eventually(lambda: self.state in (State.JOGGING, State.MOVING))
 
 
 def eventually(happened: Callable[[], bool]) -> bool:
@@ -70,14 +84,15 @@ def eventually(happened: Callable[[], bool]) -> bool:
 
 @contextmanager
 def session(folder: Path, *, homed: bool = True, **others: Any) -> Iterator[Session]:
-    """A jog session at a bench; homed and in the middle of nothing, unless told otherwise."""
+    """A session at a bench that is connected, and, unless told otherwise, homed and at `PLACE`."""
     gate = Gate()
     made = bench(clock=gate, **others)
-    made.camera.scene = lambda sequence: scene(sequence, made)
+    made.camera.scene = lambda sequence: windows(sequence, made)
     made.guard.connect()
     if homed:
         made.guard.home()
-        made.guard.move_to(replace_start())
+        made.guard.move_to(PLACE)
+    made.motions.clear()
     grid = HandGrid(folder / "grid", "bench.yaml")
     with made.guard, grid, Jogger(made.guard, grid, Marks(folder / "marks.json"), idle_s=0.01) as jogger:
         try:
@@ -86,24 +101,17 @@ def session(folder: Path, *, homed: bool = True, **others: Any) -> Iterator[Sess
             gate.open = True
 
 
-def replace_start() -> Any:
-    from calibration_free_tests.guard.sample import at
-
-    return at(x_mm=-100.0, y_mm=20.0, z_mm=60.0, theta_deg=15.0, zoom=0.4)
-
-
-def scene(sequence: int, made: Bench) -> Image:
-    """A row of windows that moves with the gantry; no two pictures are the same."""
+def windows(sequence: int, made: Bench) -> Image:
+    """A row of windows that moves with the gantry; no two pictures in a row are the same."""
     image = np.full((240, 320, 3), (96, 140, 178), np.uint8)
     shift = int(made.gantry.place_mm[0]) % 64
-    for left in range(-64, 320, 64):
-        x = left + shift
-        for y in (30, 130):
-            image[y : y + 70, max(0, x) : max(0, x + 40)] = (60, 50, 45)
-            image[y + 5 : y + 65, max(0, x + 5) : max(0, x + 35)] = (150, 190, 120 + sequence % 8)
+    for left in range(shift - 64, 320, 64):
+        for top in (30, 130):
+            image[top : top + 70, max(0, left) : max(0, left + 40)] = (60, 50, 45)
+            image[top + 5 : top + 65, max(0, left + 5) : max(0, left + 35)] = (150, 190, 120 + sequence % 8)
     return image
 
 
-def newest(made: Bench) -> Picture:
-    """A picture as the camera draws it now."""
-    return Picture(made.camera.scene(1), threading.get_ident() % 1000 + 1, made.clock.now_s())
+def newest(made: Bench, sequence: int = 1) -> Picture:
+    """What a camera that draws all the time has drawn now."""
+    return Picture(made.camera.scene(sequence), sequence, made.clock.now_s())

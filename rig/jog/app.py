@@ -75,20 +75,19 @@ class JogApp(App[None]):
         self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (100, "-wide")]
         self.VERTICAL_BREAKPOINTS = [(0, "-low"), (32, "-tall")]
         self._jogger, self._looker, self._bench, self._preview = jogger, looker, bench, preview
-        self._picture = -1
+        self._parts = {part: Static(id=part) for part in ("top", "look", "axes", "troubles", "messages", "keys")}
+        self._view, self._picture = PictureView(id="picture"), -1
         self._shown: dict[str, Text] = {}
 
     def compose(self) -> ComposeResult:
         """Put the parts on the screen."""
-        yield Static(id="top")
+        yield self._parts["top"]
         with Horizontal(id="middle"):
             with Vertical(id="left"):
-                yield PictureView(id="picture")
-                yield Static(id="look")
-            yield Static(id="axes")
-        yield Static(id="troubles")
-        yield Static(id="messages")
-        yield Static(id="keys")
+                yield self._view
+                yield self._parts["look"]
+            yield self._parts["axes"]
+        yield from (self._parts[part] for part in ("troubles", "messages", "keys"))
 
     def on_mount(self) -> None:
         """Begin to follow the rig, and answer signals in order: none may leave the rig moving."""
@@ -100,11 +99,12 @@ class JogApp(App[None]):
                 loop.add_signal_handler(number, self.exit)
         if self._preview:
             self.action_preview()
-        self.follow()
+        # Once it is known how large everything is.
+        self.call_after_refresh(self.follow)
         self.set_interval(REFRESH_S, self.follow)
 
     def follow(self) -> None:
-        """Show what is known now. The rig's screen is followed below a prompt, too."""
+        """Show what is known now. Also behind a prompt."""
         jogger, status = self._jogger, self._jogger.glance()
         look, steps = self._looker.look, jogger.steps
         self._put("top", lambda size: draw.top(self._bench, status, jogger.running, jogger.waiting))
@@ -116,14 +116,14 @@ class JogApp(App[None]):
         self._put("look", lambda size: draw.look(look, jogger.clock, kept, size.width))
         if look is not None and look.sequence != self._picture:
             self._picture = look.sequence
-            self.screen_stack[0].query_one(PictureView).show(look.small)
+            self._view.show(look.small)
 
     def _put(self, part: str, drawn: Callable[[Size], Text]) -> None:
-        widget = self.screen_stack[0].query_one(f"#{part}", Static)
+        widget = self._parts[part]
         text = drawn(widget.content_size)
         if text != self._shown.get(part):
             self._shown[part] = text
-            widget.display = bool(text)
+            widget.set_class(not text, "empty")
             widget.update(text)
 
     # Moving.

@@ -20,15 +20,19 @@ from rig.hal import Image
 class PictureView(Container):
     """The newest picture, as large as there is room for it."""
 
+    def __init__(self, id: str) -> None:
+        super().__init__(id=id)
+        # Where there is no terminal to ask (a screenshot), half blocks show more than letters.
+        self._view = HalfcellImage() if Best is UnicodeImage else BestWidget()
+        self._none = Static("no picture has come yet", id="no-picture")
+
     def compose(self) -> ComposeResult:
         """Put the parts on the screen."""
-        # Where there is no terminal to ask (a screenshot), half blocks show more than letters.
-        yield HalfcellImage() if Best is UnicodeImage else BestWidget()
-        yield Static("no picture has come yet", id="no-picture")
+        yield self._view
+        yield self._none
 
     def show(self, image: Image) -> None:
         """Show a picture, grey or BGR."""
-        self.query_one("#no-picture").display = False
+        self._none.display = False
         rgb = image if image.ndim == 2 else image[:, :, ::-1].copy()
-        for view in self.query(HalfcellImage if Best is UnicodeImage else BestWidget):
-            view.image = PillowImage.fromarray(rgb)
+        self._view.image = PillowImage.fromarray(rgb)

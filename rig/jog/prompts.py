@@ -16,6 +16,14 @@ from rig.hal import RigPose
 from rig.jog.places import shown
 
 
+class _Typed(Input):
+    """A line of text without blanks: Space is STOP here too."""
+
+    def check_consume_key(self, key: str, character: str | None) -> bool:
+        """Take all that can be typed but Space, which then goes to the screen's keys."""
+        return key != "space" and super().check_consume_key(key, character)
+
+
 class Prompt(ModalScreen[str | None]):
     """Asks for a text (``typed``), or for Enter or Esc; gives the text, empty for a plain yes, or ``None``."""
 
@@ -31,7 +39,7 @@ class Prompt(ModalScreen[str | None]):
             yield Static(self._title, classes="title", markup=False)
             yield Static(self._hint, markup=False)
             if self._typed:
-                yield Input(compact=True)
+                yield _Typed(compact=True)
             yield Static("Enter: yes    Esc: no    Space: STOP", classes="hint", markup=False)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
