@@ -142,7 +142,7 @@ def stop(
 
 def capture(
     bench: Bench,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder, new or empty.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder; it may exist.")],
     x_mm: X = None,
     y_mm: Y = None,
     z_mm: Z = None,
@@ -152,21 +152,23 @@ def capture(
     as_json: Json = False,
 ) -> None:
     """Take a picture, at a pose or where the rig stands, and keep it in an image grid with its pose."""
-    from datetime import datetime
-
-    from rig.imagegrid import GridWriter
+    from rig.jog.keeping import HandGrid
 
     wish = {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "theta_deg": theta_deg, "zoom": zoom}
     told = {axis: value for axis, value in wish.items() if value is not None}
-    with _connected(bench) as (guard, asked):
-        writer = GridWriter(out, _info(bench, fixed_by_zoom=guard.internals_fixed_by_zoom))
+    with (
+        _connected(bench) as (guard, asked),
+        HandGrid(out, bench.name, fixed_by_zoom=guard.internals_fixed_by_zoom) as grid,
+    ):
+        # What is wrong with a grid that is there is told before anything moves.
+        grid.open()
         if home_first:
             guard.home()
         if told:
             with _wrong_input():
                 guard.move_to(_changed(guard.pose, told))
         frame = guard.capture()
-        kept = writer.add(frame, "images/00001.png", taken_at=datetime.now().astimezone().isoformat("T", "seconds"))
+        kept = grid.add(frame)
         if as_json:
             _print_json({"file": str(out / kept.file), "pose": _pose(frame.rig_pose), "sha256": kept.sha256})
         else:
@@ -311,13 +313,6 @@ def _pose_words(pose: RigPose) -> str:
 def _words(pose: dict[str, float]) -> str:
     x, y, z, theta, zoom = (pose[axis] for axis in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom"))
     return f"x {x:.3f}  y {y:.3f}  z {z:.3f} mm  theta {theta:.3f}°  zoom {zoom:.3f}"
-
-
-def _info(bench: Path, *, fixed_by_zoom: bool) -> Any:
-    from rig.imagegrid import GridInfo
-
-    internals = {"internals": "fixed_by_zoom"} if fixed_by_zoom else {}
-    return GridInfo.model_validate({"provenance": f"taken by hand on the bench {bench.name}", **internals})
 
 
 def _print_json(value: dict[str, Any]) -> None:
