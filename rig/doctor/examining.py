@@ -1,0 +1,91 @@
+"""The whole examination of a live bench: every check runs, and what rests on one that failed says so.
+
+Nothing moves, is homed, unlocked, reset or let go of, and no torque is enabled. The rule that no byte reaches hardware
+without passing the guard is about commands: what goes out here is what the drivers' own `connect` and `status` send to
+find out who answers and how it stands. Opening a port may restart some boards by its DTR line; the bench file's ``dtr``
+is obeyed as in every use. Connecting a camera locks its controls as the bench file says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from rig.bench import BenchConfig, Device, LiveBenchFile
+from rig.doctor import bench_file, camera, computer, gantry, ports, servos
+from rig.doctor.finding import Finding, Verdict, not_tested
+from rig.doctor.firmware import CHECKS
+from rig.doctor.surroundings import Surroundings
+from rig.errors import InputError
+
+SERVO_ROLES = ("pan", "zoom")
+
+
+def examine(config: BenchConfig, world: Surroundings, out_folder: Path) -> Iterator[Finding]:
+    """Check a live bench, line by line.
+
+    Args:
+        config: the bench.
+        world: this computer.
+        out_folder: where pictures are to be written.
+
+    Raises:
+        InputError: it is a mock bench.
+    """
+    file = config.file
+    if not isinstance(file, LiveBenchFile):
+        raise InputError(
+            "this is a mock bench: there is no hardware to look at",
+            where=config.name,
+            remedy="Name a bench of `kind: live`, or run `rig doctor --discover` to get one",
+        )
+    return _examined(config, file, world, out_folder)
+
+
+def _examined(config: BenchConfig, file: LiveBenchFile, world: Surroundings, out_folder: Path) -> Iterator[Finding]:
+    yield from bench_file.check_bench_file(config, file)
+    runtime, held = computer.check_runtime(config, world)
+    yield from runtime
+    yield computer.check_disk(out_folder, world)
+    devices = config.devices
+    if held:
+        for role in devices:
+            yield from not_tested(role, ("everything",), "runtime: in use")
+        return
+    paths = ports.resolved(devices, world)
+    yield from _behind_port(
+        devices["gantry"],
+        {path: role for role, path in paths.items() if role in SERVO_ROLES},
+        world,
+        ("firmware", "state", *CHECKS),
+        lambda device: gantry.check_gantry(device, file, world),
+    )
+    for role in SERVO_ROLES:
+        if role in devices:
+            on_bus = sum(paths.get(other) == paths.get(role) for other in SERVO_ROLES if other in devices)
+            yield from _behind_port(
+                devices[role],
+                {path: other for other, path in paths.items() if other == "gantry"},
+                world,
+                servos.lines_of(devices[role]),
+                lambda device, on_bus=on_bus: servos.check_axis(device, on_bus, world),  # type: ignore[misc]  # mypy cannot infer a lambda with a default
+            )
+    yield from camera.check_camera(devices["camera"], world)
+
+
+def _behind_port(
+    device: Device,
+    others: dict[str, str],
+    world: Surroundings,
+    lines: tuple[str, ...],
+    check: Callable[[Device], list[Finding]],
+) -> Iterator[Finding]:
+    """A device's port, and then the device, where the port can be used."""
+    port = ports.port_of(device)
+    found = [] if port is None else ports.check_port(device.role, port, others, world)
+    yield from found
+    bad = next((finding for finding in found if finding.ok is Verdict.FAIL), None)
+    if bad is not None:
+        yield from not_tested(device.role, lines, f"{bad.subject}: {bad.what}")
+    else:
+        yield from check(device)
