@@ -24,7 +24,7 @@ from drivers.opencv_camera import OpenCvCamera
 from drivers.serial_link import READ_SLICE_S, SerialPort
 from rig.bench import Device, load_bench
 from rig.devices import Clock
-from rig.doctor import DiskLook, Finding, Surroundings, examine
+from rig.doctor import DiskLook, Finding, Surroundings, Verdict, examine
 from rig.hal import Image, RigPose
 from sim_backends.camera_emulator import CameraTiming, EmulatedCamera
 from sim_backends.camera_faults import CameraFault
@@ -238,5 +238,8 @@ class Workbench:
 
 
 def text_of(findings: list[Finding]) -> str:
-    """The findings as one text, for messages."""
-    return os.linesep.join(f"{f.subject}: {f.what}: {f.ok.value}: {f.told} > {f.remedy}" for f in findings)
+    """The findings that are no pass as one text, for messages."""
+    lines = [
+        f"{f.subject}: {f.what}: {f.ok.value}: {f.told} > {f.remedy}" for f in findings if f.ok is not Verdict.PASS
+    ]
+    return os.linesep.join(lines)

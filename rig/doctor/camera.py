@@ -99,7 +99,9 @@ def _capture(camera: LiveCamera, world: Surroundings) -> list[Finding]:
             failed("camera", "fresh picture", "the driver gave an old picture", "Report this: the driver is at fault")
         ]
     if waited_s > _LONG_WAIT_S:
-        remedy = "Ask for a higher frame rate, a smaller size or pixel_format MJPG; lower latency_s if it is too careful"
+        remedy = (
+            "Ask for a higher frame rate, a smaller size or pixel_format MJPG; lower latency_s if it is too careful"
+        )
         return [warned("camera", "fresh picture", told_s, remedy)]
     return [passed("camera", "fresh picture", told_s)]
 

@@ -65,17 +65,19 @@ class Controller:
         """How a person turns a flag on, keeping the other bits that grblHAL has there."""
         return self.set_to(number, f"{int(self.firmware.get(number, 0)) | 1}")
 
-    def ranges(self, axis: int, travel_mm: float) -> list[tuple[float, float]]:
-        """Where the machine coordinates of an axis may lie once it is homed; several where the settings do not tell."""
-        below, above = (-travel_mm, 0.0), (0.0, travel_mm)
-        if self.kind == "FluidNC":
-            return [below, above]
-        zero_at_home = self.kind == "grblHAL" and self.flag(22, _ZERO_AT_HOME)
-        return [above if zero_at_home and self.homes_down(axis) else below]
 
-    def homes_down(self, axis: int) -> bool:
-        """Its switch is at the lower end."""
-        return bool(self.flag(23, 1 << axis))
+def homes_down(firmware: Mapping[int, float], axis: int) -> bool:
+    """The switch of an axis is at its lower end."""
+    return bool(int(firmware.get(23, 0)) & 1 << axis)
+
+
+def ranges(kind: str, firmware: Mapping[int, float], axis: int, travel_mm: float) -> list[tuple[float, float]]:
+    """Where the machine coordinates of an axis may lie once it is homed; several where the settings do not tell."""
+    below, above = (-travel_mm, 0.0), (0.0, travel_mm)
+    if kind == "FluidNC":
+        return [below, above]
+    zero_at_home = kind == "grblHAL" and int(firmware.get(22, 0)) & _ZERO_AT_HOME and homes_down(firmware, axis)
+    return [above if zero_at_home else below]
 
 
 def sentence(*ways: str) -> str:

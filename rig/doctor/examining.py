@@ -8,7 +8,8 @@ is obeyed as in every use. Connecting a camera locks its controls as the bench f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from rig.bench import BenchConfig, Device, LiveBenchFile
@@ -53,35 +54,26 @@ def _examined(config: BenchConfig, file: LiveBenchFile, world: Surroundings, out
             yield from not_tested(role, ("everything",), "runtime: in use")
         return
     paths = ports.resolved(devices, world)
-    yield from _behind_port(
-        devices["gantry"],
-        {path: role for role, path in paths.items() if role in SERVO_ROLES},
-        world,
-        ("firmware", "state", *CHECKS),
-        lambda device: gantry.check_gantry(device, file, world),
-    )
-    for role in SERVO_ROLES:
-        if role in devices:
-            on_bus = sum(paths.get(other) == paths.get(role) for other in SERVO_ROLES if other in devices)
-            yield from _behind_port(
-                devices[role],
-                {path: other for other, path in paths.items() if other == "gantry"},
-                world,
-                servos.lines_of(devices[role]),
-                lambda device, on_bus=on_bus: servos.check_axis(device, on_bus, world),  # type: ignore[misc]  # mypy cannot infer a lambda with a default
-            )
+    check_gantry = partial(gantry.check_gantry, file=file, world=world)
+    yield from _behind_port(devices["gantry"], paths, world, ("firmware", "state", *CHECKS), check_gantry)
+    for role in (role for role in SERVO_ROLES if role in devices):
+        on_bus = sum(paths.get(other) == paths.get(role) for other in SERVO_ROLES if other in devices)
+        check_axis = partial(servos.check_axis, gantry=devices["gantry"], on_bus=on_bus, world=world)
+        yield from _behind_port(devices[role], paths, world, servos.lines_of(devices[role]), check_axis)
     yield from camera.check_camera(devices["camera"], world)
 
 
 def _behind_port(
     device: Device,
-    others: dict[str, str],
+    paths: Mapping[str, str],
     world: Surroundings,
     lines: tuple[str, ...],
     check: Callable[[Device], list[Finding]],
 ) -> Iterator[Finding]:
-    """A device's port, and then the device, where the port can be used."""
+    """A device's port, and then the device, where the port can be used; servos may share one, but not with others."""
     port = ports.port_of(device)
+    strangers = SERVO_ROLES if device.role == "gantry" else ("gantry",)
+    others = {path: role for role, path in paths.items() if role in strangers}
     found = [] if port is None else ports.check_port(device.role, port, others, world)
     yield from found
     bad = next((finding for finding in found if finding.ok is Verdict.FAIL), None)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rig.errors import InputError, RigError
+
+_SENTENCE_END = re.compile(r"(?<![ .])\. ")
+"""Not the dots of a range."""
 
 
 class Verdict(enum.Enum):
@@ -60,8 +64,14 @@ def raised(subject: str, what: str, error: RigError) -> Finding:
     if isinstance(error, InputError):
         where = f"{error.where}: " if error.where else ""
         return failed(subject, what, f"{where}{error.message}", error.remedy or "")
-    told, _, remedy = str(error).partition(". ")
+    told, remedy = in_two(str(error))
     return failed(subject, what, told, remedy)
+
+
+def in_two(message: str) -> tuple[str, str]:
+    """What is wrong, and what to do about it, of a message that tells them in this order."""
+    told, *rest = _SENTENCE_END.split(message, maxsplit=1)
+    return told, "".join(rest)
 
 
 def not_tested(subject: str, whats: Iterable[str], on: str) -> list[Finding]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from rig.doctor.controller import ACCELERATION, RATE, STEPS, TRAVEL, Controller, sentence
+from rig.doctor.controller import ACCELERATION, RATE, STEPS, TRAVEL, Controller, homes_down, ranges, sentence
 from rig.doctor.finding import Finding, failed, passed, warned
 
 AXES = "xyz"
@@ -94,11 +94,11 @@ def _travel(c: Controller) -> Finding:
     if travel is None:
         return _untold(c, "travel", "$130 to $132")
     for number, (name, axis, length_mm) in enumerate(zip(AXES, c.settings.axes, travel, strict=True)):
-        ranges = c.ranges(number, length_mm)
-        if not any(low <= axis.lower_mm and axis.upper_mm <= high for low, high in ranges):
-            where = " or ".join(f"{low:g} .. {high:g}" for low, high in ranges)
+        allowed = ranges(c.kind, c.firmware, number, length_mm)
+        if not any(low <= axis.lower_mm and axis.upper_mm <= high for low, high in allowed):
+            where = " or ".join(f"{low:g} .. {high:g}" for low, high in allowed)
             needed = max(abs(axis.lower_mm), abs(axis.upper_mm))
-            longer = needed > length_mm and all(low <= axis.lower_mm or axis.upper_mm <= high for low, high in ranges)
+            longer = needed > length_mm and all(low <= axis.lower_mm or axis.upper_mm <= high for low, high in allowed)
             return failed(
                 "gantry",
                 "travel",
@@ -126,10 +126,10 @@ def _pull_off(c: Controller) -> Finding:
             sentence(c.set_to(27, "2")),
         )
     for number, (name, axis) in enumerate(zip(AXES, c.settings.axes, strict=True)):
-        for low, high in c.ranges(number, travel[number]) if travel else []:
-            near_mm = axis.lower_mm - low if c.homes_down(number) else high - axis.upper_mm
+        for low, high in ranges(c.kind, c.firmware, number, travel[number]) if travel else []:
+            near_mm = axis.lower_mm - low if homes_down(c.firmware, number) else high - axis.upper_mm
             if 0.0 <= near_mm < _SWITCH_MM:
-                end = "lower_mm" if c.homes_down(number) else "upper_mm"
+                end = "lower_mm" if homes_down(c.firmware, number) else "upper_mm"
                 return warned(
                     "gantry",
                     "limit switches",

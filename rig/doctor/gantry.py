@@ -13,7 +13,7 @@ from drivers.grbl_settings import GrblSettings
 from rig.bench import Device, LiveBenchFile
 from rig.devices import GantryStatus, Identity, LiveGantry, Motion
 from rig.doctor.controller import Controller
-from rig.doctor.finding import Finding, failed, not_tested, passed, raised
+from rig.doctor.finding import Finding, failed, in_two, not_tested, passed, raised
 from rig.doctor.firmware import CHECKS, check_firmware
 from rig.doctor.surroundings import Surroundings
 from rig.errors import HardwareError
@@ -72,7 +72,7 @@ def _state(gantry: LiveGantry) -> Finding:
 def state_finding(status: GantryStatus) -> Finding:
     """Idle, or waiting to be homed, is well; any other alarm or motion is not."""
     if status.motion is Motion.ALARM and status.alarm not in _MUST_HOME:
-        told, _, remedy = status.trouble.partition(". ")
+        told, remedy = in_two(status.trouble)
         return failed("gantry", "state", told, remedy)
     if status.motion not in (Motion.IDLE, Motion.ALARM):
         return failed(
@@ -90,20 +90,32 @@ def _at_another_rate(device: Device, world: Surroundings) -> Finding | None:
     if not isinstance(settings, GrblSettings):
         return None
     for baud in USUAL_BAUD_RATES:
-        if baud == settings.baud:
-            continue
-        hasty = settings.deadlines.model_copy(update={"connect_s": min(_TRIAL_S, settings.deadlines.connect_s)})
-        changed = settings.model_copy(update={"baud": baud, "deadlines": hasty})
-        gantry = made(Device(device.role, device.driver, device.make, changed), world)
-        try:
-            identity = gantry.connect()
-        except HardwareError:
-            continue
-        gantry.close()
-        return failed(
-            "gantry",
-            "firmware",
-            f"{identity.kind} {identity.version} answers at {baud} baud, not at {settings.baud}",
-            f"Set devices.gantry.baud to {baud}",
-        )
+        identity = None if baud == settings.baud else who_answers(device, world, baud=baud)
+        if identity is not None:
+            return failed(
+                "gantry",
+                "firmware",
+                f"{identity.kind} {identity.version} answers at {baud} baud, not at {settings.baud}",
+                f"Set devices.gantry.baud to {baud}",
+            )
     return None
+
+
+def who_answers(device: Device, world: Surroundings, **changes: object) -> Identity | None:
+    """The controller that answers if the settings are changed, e.g. on another port; ``None``: none.
+
+    Until one has answered only ``?`` is sent, which at a wrong baud rate arrives as bytes that mean nothing, and to a
+    servo as well.
+    """
+    settings = device.settings
+    if not isinstance(settings, GrblSettings):
+        return None
+    hasty = settings.deadlines.model_copy(update={"connect_s": min(_TRIAL_S, settings.deadlines.connect_s)})
+    changed = settings.model_copy(update={"deadlines": hasty, **changes})
+    gantry = made(Device(device.role, device.driver, device.make, changed), world)
+    try:
+        return gantry.connect()
+    except HardwareError:
+        return None
+    finally:
+        gantry.close()

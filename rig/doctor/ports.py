@@ -35,7 +35,9 @@ def check_port(subject: str, port: str, others: Mapping[str, str], world: Surrou
         return [raised(subject, "port", error), *not_tested(subject, LINES[1:], f"{subject}: port")]
     if device in others:
         told = f"{port} is {device}, which is the port of the {others[device]} as well"
-        shared = failed(subject, "port", told, "Give each its own port; `rig doctor --discover` tells who answers where")
+        shared = failed(
+            subject, "port", told, "Give each its own port; `rig doctor --discover` tells who answers where"
+        )
         return [shared, *not_tested(subject, LINES[1:], f"{subject}: port")]
     found = [passed(subject, "port", port if device == port else f"{port} is {device}")]
     if not world.may_use(device):

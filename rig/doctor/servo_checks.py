@@ -9,7 +9,7 @@ from drivers.dynamixel.checks import complain_of_limits, complain_of_mode, compl
 from drivers.dynamixel.reading import ServoReading
 from drivers.dynamixel.settings import DynamixelSettings
 from drivers.dynamixel.table import MODELS, STATE_LENGTH, TICKS_PER_TURN, VELOCITY_DEG_PER_S, model_named
-from rig.doctor.finding import Finding, failed, passed, warned
+from rig.doctor.finding import Finding, failed, in_two, passed, warned
 
 _WIZARD = "with DYNAMIXEL Wizard"
 _RUN_ON_V = {"XL330": (4.5, 6.0), "XL430": (9.0, 12.6), "XM430": (10.0, 14.8)}
@@ -53,7 +53,7 @@ def _judged(seen: Seen, what: str, complaint: str, well: str) -> Finding:
     """A line from one of the driver's own complaints, which tell first what is wrong, then the remedy."""
     if not complaint:
         return passed(seen.subject, what, well)
-    told, _, remedy = complaint.partition(". ")
+    told, remedy = in_two(complaint)
     return failed(seen.subject, what, told, remedy)
 
 

@@ -15,7 +15,8 @@ from drivers.dynamixel.reading import read_servo
 from drivers.dynamixel.settings import BAUD_RATES, DynamixelSettings
 from rig.bench import Device
 from rig.devices import LiveAxis
-from rig.doctor.finding import Finding, failed, not_tested, passed, raised
+from rig.doctor.finding import Finding, failed, in_two, not_tested, passed, raised
+from rig.doctor.gantry import who_answers
 from rig.doctor.servo_checks import CHECKS, Seen, check_servo
 from rig.doctor.surroundings import Surroundings
 from rig.errors import HardwareError
@@ -26,15 +27,24 @@ def lines_of(device: Device) -> tuple[str, ...]:
     return ("answers", *CHECKS) if isinstance(device.settings, DynamixelSettings) else ("answers", "state")
 
 
-def check_axis(device: Device, on_bus: int, world: Surroundings) -> list[Finding]:
-    """All lines of a pan axis or zoom ring behind those of its port; ``on_bus`` axes of the bench share its port."""
+def check_axis(device: Device, *, gantry: Device, on_bus: int, world: Surroundings) -> list[Finding]:
+    """All lines of a pan axis or zoom ring behind those of its port.
+
+    Args:
+        device: the axis.
+        gantry: of the same bench: its controller may be what answers instead.
+        on_bus: how many axes of the bench share the port.
+        world: this computer.
+    """
     axis = (world.make or (lambda d, clock: d.make(d.settings, clock)))(device, world.clock)
     if isinstance(axis, DynamixelAxis):
-        return _check_dynamixel(device.role, axis, on_bus, world)
+        return _check_dynamixel(device.role, axis, gantry, on_bus, world)
     return _check_other(device.role, axis)
 
 
-def _check_dynamixel(subject: str, axis: DynamixelAxis, on_bus: int, world: Surroundings) -> list[Finding]:
+def _check_dynamixel(
+    subject: str, axis: DynamixelAxis, gantry: Device, on_bus: int, world: Surroundings
+) -> list[Finding]:
     bus, settings = axis.bus, axis.settings
     try:
         bus.open(axis)
@@ -43,7 +53,8 @@ def _check_dynamixel(subject: str, axis: DynamixelAxis, on_bus: int, world: Surr
     try:
         reading = read_servo(bus, settings.id)
     except NoAnswerError as error:
-        elsewhere = _elsewhere(subject, settings, bus)
+        bus.close(axis)
+        elsewhere = _swapped(subject, settings, gantry, world) or _elsewhere(subject, settings, bus)
         return _mute(subject, elsewhere or raised(subject, "answers", error))
     except HardwareError as error:
         return _mute(subject, raised(subject, "answers", error))
@@ -62,6 +73,15 @@ def _latency_ms(settings: DynamixelSettings, world: Surroundings) -> int | None:
         return world.latency_ms(world.find_port(settings.port))
     except HardwareError:
         return None  # unplugged meanwhile: the line that reads it has told
+
+
+def _swapped(subject: str, settings: DynamixelSettings, gantry: Device, world: Surroundings) -> Finding | None:
+    """Looked at first, since packets for servos are not for the ears of a gantry's controller."""
+    identity = who_answers(gantry, world, port=settings.port)
+    if identity is None:
+        return None
+    told = f"{identity.kind} {identity.version} answers on {settings.port}, which is to be the servos' port"
+    return failed(subject, "answers", told, f"Swap the ports of gantry and {subject} in the bench file")
 
 
 def _elsewhere(subject: str, settings: DynamixelSettings, bus: DynamixelBus) -> Finding | None:
@@ -92,7 +112,7 @@ def _check_other(subject: str, axis: LiveAxis | Any) -> list[Finding]:
     found = [passed(subject, "answers", f"{identity.kind} {identity.version}".strip())]
     try:
         status = axis.status()
-        told, _, remedy = status.trouble.partition(". ")
+        told, remedy = in_two(status.trouble)
         found.append(failed(subject, "state", told, remedy) if told else passed(subject, "state", status.motion.value))
     except HardwareError as error:
         found.append(raised(subject, "state", error))

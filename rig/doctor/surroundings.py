@@ -5,21 +5,24 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.camera_identity import FoundCamera, find_camera
+from drivers.camera_identity import FoundCamera, connected_cameras, find_camera
 from drivers.camera_settings import CameraSettings
 from drivers.dynamixel.latency import latency_timer_ms
+from drivers.grbl import OpenPort, open_settings_port
 from drivers.port_lock import lock_port
-from drivers.serial_ports import resolve_port
+from drivers.serial_link import SerialPort
+from drivers.serial_ports import Adapter, resolve_port, system_adapters
 from rig.bench import Maker
 from rig.clock import SystemClock
 from rig.devices import Clock
 from rig.imagegrid.disk import write_whole
 from rig.runtime import runtime_folder
 
+_STABLE = (Path("/dev/serial/by-path"), Path("/dev/serial/by-id"))
 _TRIAL_BYTES = 8 * 1024 * 1024
 
 
@@ -55,6 +58,12 @@ def take_and_release(device: str) -> None:
     lock_port(device).release()
 
 
+def stable_name(device: str, folders: Sequence[Path] = _STABLE) -> str:
+    """The path of a port that tells where it is plugged in, or else its own."""
+    links = (link for folder in folders for link in sorted(folder.glob("*")))
+    return next((str(link) for link in links if os.path.realpath(link) == os.path.realpath(device)), device)
+
+
 def may_use(device: str) -> bool:
     """This user may read and write a device."""
     return os.access(device, os.R_OK | os.W_OK)
@@ -74,6 +83,11 @@ class Surroundings:
         find_camera: the V4L2 camera that a bench means.
         disk: looks at the disk of an output folder.
         runtime: the folder where processes of this user meet.
+        adapters: the serial ports that there are.
+        stable_name: a port's name that stays when it is plugged in again.
+        cameras: the video devices that there are.
+        open_gantry: opens a port to ask for a gantry's controller.
+        open_bus: opens a port to ask for servos; ``None``: the real one.
     """
 
     clock: Clock
@@ -85,6 +99,11 @@ class Surroundings:
     find_camera: Callable[[CameraSettings], FoundCamera] = find_camera
     disk: Callable[[Path], DiskLook] = look_at_disk
     runtime: Callable[[], Path] = runtime_folder
+    adapters: Callable[[], Sequence[Adapter]] = system_adapters
+    stable_name: Callable[[str], str] = stable_name
+    cameras: Callable[[], Sequence[FoundCamera]] = connected_cameras
+    open_gantry: OpenPort = open_settings_port
+    open_bus: Callable[[str, int], SerialPort] | None = None
 
 
 def this_computer() -> Surroundings:
