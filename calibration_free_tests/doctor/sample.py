@@ -226,7 +226,7 @@ class Workbench:
 
     @contextmanager
     def untouched(self) -> Iterator[None]:
-        """Whatever goes on inside, no servo register changes, nothing is homed, unlocked or reset, and nothing moves."""
+        """Nothing inside moves, homes, unlocks or resets anything, or says more on the wires than questions."""
         before = [bytes(servo.memory.read(0, 64)) for servo in self.bus.servos]
         state = (self.machine.state, self.machine.homed, self.machine.alarm, self.machine.mechanics.position)
         torque = [(servo.torque, servo.shaft_ticks) for servo in self.bus.servos]
@@ -235,6 +235,19 @@ class Workbench:
         assert [(servo.torque, servo.shaft_ticks) for servo in self.bus.servos] == torque
         after = (self.machine.state, self.machine.homed, self.machine.alarm, self.machine.mechanics.position)
         assert after == state
+        assert self.lines_to_gantry() <= {b"$I", b"$$"}
+        assert self.instructions() <= {1, 2, 0x82}  # ping, read, sync read
+
+    def lines_to_gantry(self) -> set[bytes]:
+        """Lines that went to the gantry at its own baud rate; at another nothing but ``?`` may go out."""
+        heard = b"".join(data for _, data in self.gantry_wire.written)
+        assert b"\x18" not in heard
+        return set(heard.translate(None, b"?\x90\xbf").split(b"\n")) - {b""}
+
+    def instructions(self) -> set[int]:
+        """Instructions of the packets that went to the servos."""
+        packets = b"".join(data for _, data in self.bus_line.written).split(b"\xff\xff\xfd\x00")[1:]
+        return {packet[3] for packet in packets}
 
 
 def text_of(findings: list[Finding]) -> str:

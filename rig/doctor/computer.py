@@ -1,4 +1,4 @@
-"""Looks at what the bench needs of this computer: a disk to write to, the runtime folder, and no STOP that is latched."""
+"""Looks at what the bench needs of this computer: a disk to write to, the runtime folder, and no latched STOP."""
 
 from __future__ import annotations
 

@@ -55,10 +55,14 @@ def _examined(config: BenchConfig, file: LiveBenchFile, world: Surroundings, out
         return
     paths = ports.resolved(devices, world)
     check_gantry = partial(gantry.check_gantry, file=file, world=world)
-    yield from _behind_port(devices["gantry"], paths, world, ("firmware", "state", *CHECKS), check_gantry)
+    of_gantry = list(_behind_port(devices["gantry"], paths, world, ("firmware", "state", *CHECKS), check_gantry))
+    yield from of_gantry
+    missing = any(finding.what == "firmware" and finding.ok is not Verdict.PASS for finding in of_gantry)
     for role in (role for role in SERVO_ROLES if role in devices):
         on_bus = sum(paths.get(other) == paths.get(role) for other in SERVO_ROLES if other in devices)
-        check_axis = partial(servos.check_axis, gantry=devices["gantry"], on_bus=on_bus, world=world)
+        check_axis = partial(
+            servos.check_axis, missing=devices["gantry"] if missing else None, on_bus=on_bus, world=world
+        )
         yield from _behind_port(devices[role], paths, world, servos.lines_of(devices[role]), check_axis)
     yield from camera.check_camera(devices["camera"], world)
 

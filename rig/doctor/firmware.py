@@ -55,7 +55,8 @@ def _homing(c: Controller) -> Finding:
         return failed(
             "gantry",
             "homing",
-            f"may take {longest_s:.0f} s at $25={seek:g} mm/min, and is given up after {c.settings.deadlines.home_s:g} s",
+            f"may take {longest_s:.0f} s at $25={seek:g} mm/min, and is given up after "
+            f"{c.settings.deadlines.home_s:g} s",
             sentence(f"set deadlines.home_s to {longest_s * 1.2:.0f} in the bench file", c.set_to(25, "a faster seek")),
         )
     return passed("gantry", "homing", f"on ($22); at most {longest_s:.0f} s")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from drivers.dynamixel.table import MODELS, MODES
+from drivers.dynamixel.table import MODELS, MODES, TICKS_PER_TURN
 from rig.doctor.controller import ACCELERATION, RATE, TRAVEL, ranges
 from rig.doctor.discovery import Seen, SeenGantry, SeenServo, camera_path
 from rig.errors import HardwareError
@@ -30,12 +30,13 @@ _PAN = """\
     model: {model}
     mode: {mode}
     speed_deg_per_s: 10.0
-    acceleration_deg_per_s2: 20.0
+    acceleration_deg_per_s2: 30.0
     role: {{kind: pan, gear_ratio: 1.0, sign: 1, zero_ticks: 2048, lower_deg: -30.0, upper_deg: 30.0}}
 """
 _ZOOM = """\
-  # A second servo was found. If it turns the zoom ring, measure the ring's angle at several zooms (0: widest, 1: longest),
-  # put them into the table, and take the marks off these lines and off `zoom` under axes: a wrong table breaks lenses.
+  # A second servo was found. If it turns the zoom ring, measure the ring's angle at several zooms (0: widest, 1:
+  # longest), put them into the table, and take the marks off these lines and off `zoom` under axes. A wrong table
+  # breaks lenses.
   # zoom:
   #   driver: dynamixel
   #   port: {port}
@@ -43,7 +44,7 @@ _ZOOM = """\
   #   id: {id}
   #   model: {model}
   #   mode: {mode}
-  #   role: {{kind: zoom, zero_ticks: {position}, table: [[0.0, 0.0], [1.0, 90.0]]}}
+  #   role: {{kind: zoom, sign: {sign}, zero_ticks: {position}, table: [[0.0, 0.0], [1.0, 30.0]]}}
 """
 _SAFETY = """\
 safety:
@@ -68,8 +69,8 @@ def first_bench(found: Seen) -> str:
     servos = [seen for seen in found.servos if seen.servo.model in MODELS]
     return "".join(
         (
-            "# A first bench file, written by `rig doctor --discover`. Every value is careful, none is measured: confirm\n"
-            "# what the comments ask for before anything moves, then run `rig doctor` on this file.\n"
+            "# A first bench file, written by `rig doctor --discover`. Every value is careful, none is measured:\n"
+            "# confirm what the comments ask for before anything moves, then run `rig doctor` on this file.\n"
             "schema: 1\nkind: live\n\ndevices:\n",
             _gantry(gantry),
             "".join(form.format(**_values(seen)) for form, seen in zip((_PAN, _ZOOM), servos, strict=False)),
@@ -118,6 +119,8 @@ def _values(seen: SeenServo) -> dict[str, str | int]:
         "model": seen.servo.model,
         "mode": _NUMBER.get(seen.mode, "position"),
         "position": seen.position,
+        # Away from the end of a turn, beyond which mode position does not reach.
+        "sign": 1 if seen.position % TICKS_PER_TURN < TICKS_PER_TURN // 2 else -1,
     }
 
 
@@ -133,8 +136,8 @@ def _camera(found: Seen) -> str:
         f"    # Another one: {_plain(c.identity)} at {_plain(camera_path(c))}\n" for c in found.cameras[1:]
     )
     return (
-        f"  camera:\n    # {_plain(camera.identity)}. Confirm: is this the one on the rig?\n{others}    driver: opencv\n"
-        f"    source: {json.dumps(camera_path(camera))}\n{usb}"
+        f"  camera:\n    # {_plain(camera.identity)}. Confirm: is this the one on the rig?\n{others}"
+        f"    driver: opencv\n    source: {json.dumps(camera_path(camera))}\n{usb}"
         "    # Confirm: set exposure_s so that nothing is over-exposed; what is left out is locked as it is found.\n"
     )
 
@@ -142,11 +145,11 @@ def _camera(found: Seen) -> str:
 def _axes(gantry: SeenGantry, *, with_pan: bool, with_zoom: bool) -> str:
     lines = [
         "axes:",
-        "  # The rig frame: X right, Y down, Z towards the object, as the camera sees it. Until signs and offsets are set it",
-        "  # is the machine's own. Confirm: jog each axis, and set sign: -1 where it goes the other way.",
+        "  # The rig frame: X right, Y down, Z towards the object, as the camera sees it. Until signs and offsets are",
+        "  # set it is the machine's own. Confirm: jog each axis, and set sign: -1 where it goes the other way.",
     ]
     lines += [
-        f"  {name}_mm: {{lower: {low}, upper: {high}, speed_mm_per_s: {round(feed / 60.0, 2)}, sign: 1, offset_mm: 0.0}}"
+        f"  {name}_mm: {{lower: {low}, upper: {high}, speed_mm_per_s: {feed / 60.0:.2f}, sign: 1, offset_mm: 0.0}}"
         for name, (low, high, feed) in zip(_AXES, limits_of(gantry), strict=True)
     ]
     if with_pan:

@@ -27,25 +27,29 @@ def lines_of(device: Device) -> tuple[str, ...]:
     return ("answers", *CHECKS) if isinstance(device.settings, DynamixelSettings) else ("answers", "state")
 
 
-def check_axis(device: Device, *, gantry: Device, on_bus: int, world: Surroundings) -> list[Finding]:
+def check_axis(device: Device, *, missing: Device | None, on_bus: int, world: Surroundings) -> list[Finding]:
     """All lines of a pan axis or zoom ring behind those of its port.
 
     Args:
         device: the axis.
-        gantry: of the same bench: its controller may be what answers instead.
+        missing: the bench's gantry, where it did not answer: it may be on this port.
         on_bus: how many axes of the bench share the port.
         world: this computer.
     """
     axis = (world.make or (lambda d, clock: d.make(d.settings, clock)))(device, world.clock)
     if isinstance(axis, DynamixelAxis):
-        return _check_dynamixel(device.role, axis, gantry, on_bus, world)
+        return _check_dynamixel(device.role, axis, missing, on_bus, world)
     return _check_other(device.role, axis)
 
 
 def _check_dynamixel(
-    subject: str, axis: DynamixelAxis, gantry: Device, on_bus: int, world: Surroundings
+    subject: str, axis: DynamixelAxis, missing: Device | None, on_bus: int, world: Surroundings
 ) -> list[Finding]:
     bus, settings = axis.bus, axis.settings
+    # Looked at first, since packets for servos are not for the ears of a gantry's controller.
+    swapped = None if missing is None else _swapped(subject, settings, missing, world)
+    if swapped is not None:
+        return _mute(subject, swapped)
     try:
         bus.open(axis)
     except HardwareError as error:
@@ -54,8 +58,7 @@ def _check_dynamixel(
         reading = read_servo(bus, settings.id)
     except NoAnswerError as error:
         bus.close(axis)
-        elsewhere = _swapped(subject, settings, gantry, world) or _elsewhere(subject, settings, bus)
-        return _mute(subject, elsewhere or raised(subject, "answers", error))
+        return _mute(subject, _elsewhere(subject, settings, bus) or raised(subject, "answers", error))
     except HardwareError as error:
         return _mute(subject, raised(subject, "answers", error))
     finally:
@@ -76,7 +79,7 @@ def _latency_ms(settings: DynamixelSettings, world: Surroundings) -> int | None:
 
 
 def _swapped(subject: str, settings: DynamixelSettings, gantry: Device, world: Surroundings) -> Finding | None:
-    """Looked at first, since packets for servos are not for the ears of a gantry's controller."""
+    """Whether the gantry's controller is what answers on the servos' port."""
     identity = who_answers(gantry, world, port=settings.port)
     if identity is None:
         return None

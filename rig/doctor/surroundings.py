@@ -1,4 +1,4 @@
-"""What the doctor looks at besides the devices, as functions that are passed in: ports, cameras, disk, runtime folder."""
+"""What the doctor looks at besides the devices, passed in as functions: ports, cameras, disk, runtime folder."""
 
 from __future__ import annotations
 
