@@ -14,7 +14,7 @@ from drivers.frame_checks import BadFrameError, PictureFault, PictureLook
 from drivers.opencv_camera import OpenCvCamera
 from rig.bench import Device
 from rig.devices import Identity, LiveCamera
-from rig.doctor.finding import Finding, failed, not_tested, passed, raised, warned
+from rig.doctor.finding import Finding, Verdict, failed, not_tested, passed, raised, warned
 from rig.doctor.surroundings import Surroundings
 from rig.errors import HardwareError
 
@@ -31,7 +31,7 @@ def check_camera(device: Device, world: Surroundings) -> list[Finding]:
     """All lines of the camera."""
     identity = _identity(device, world)
     rest = OPENCV_LINES if isinstance(device.settings, CameraSettings) else ("fresh picture",)
-    if identity.remedy:
+    if identity.ok is Verdict.FAIL:
         return [identity, *not_tested("camera", (*LINES[1:], *rest), "camera: identity")]
     camera: LiveCamera = (world.make or (lambda d, clock: d.make(d.settings, clock)))(device, world.clock)
     try:
@@ -70,12 +70,13 @@ def _behind(camera: LiveCamera, device: Device, world: Surroundings) -> list[Fin
     settings = device.settings
     if not isinstance(camera, OpenCvCamera) or not isinstance(settings, CameraSettings):
         return _capture(camera, world)
-    fresh = _capture(camera, world)  # more frames come meanwhile, from which the rate is known
+    of_picture = _capture(camera, world)  # first: more frames come meanwhile, from which the rate is known
+    if len(of_picture) == 1 and camera.last_look is not None:
+        of_picture.append(check_exposure(camera.last_look))
     return [
         check_locks(camera.locks, settings),
         check_rate(camera.frame_period_s, settings.frame_rate_hz),
-        *fresh,
-        *([check_exposure(camera.last_look)] if camera.last_look is not None and fresh[0].ok.value == "pass" else []),
+        *of_picture,
     ]
 
 
@@ -84,14 +85,12 @@ def _capture(camera: LiveCamera, world: Surroundings) -> list[Finding]:
     try:
         picture = camera.capture(asked_s)
     except BadFrameError as error:
-        # The picture may be fresh and bad: then only what it shows is at fault.
-        frozen = PictureFault.FROZEN in error.faults
-        told = raised("camera", "fresh picture" if frozen else "exposure", error)
-        other = not_tested("camera", ("exposure",), "camera: fresh picture") if frozen else []
-        return [told, *other]
+        if PictureFault.FROZEN in error.faults:
+            return _not_fresh(error)
+        # Only fresh pictures are looked at: what they show is at fault.
+        return [passed("camera", "fresh picture", "they come"), raised("camera", "exposure", error)]
     except HardwareError as error:
-        late = raised("camera", "fresh picture", error)
-        return [late, *not_tested("camera", ("exposure",), "camera: fresh picture")]
+        return _not_fresh(error)
     waited_s = world.clock.now_s() - asked_s
     told_s = f"proved to be exposed after it was asked for; took {1000.0 * waited_s:.0f} ms"
     if picture.exposed_at_s <= asked_s:
@@ -104,6 +103,11 @@ def _capture(camera: LiveCamera, world: Surroundings) -> list[Finding]:
         )
         return [warned("camera", "fresh picture", told_s, remedy)]
     return [passed("camera", "fresh picture", told_s)]
+
+
+def _not_fresh(error: HardwareError) -> list[Finding]:
+    late = raised("camera", "fresh picture", error)
+    return [late, *not_tested("camera", ("exposure",), "camera: fresh picture")]
 
 
 def check_locks(locks: Sequence[Lock], settings: CameraSettings) -> Finding:

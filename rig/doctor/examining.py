@@ -57,7 +57,7 @@ def _examined(config: BenchConfig, file: LiveBenchFile, world: Surroundings, out
     check_gantry = partial(gantry.check_gantry, file=file, world=world)
     of_gantry = list(_behind_port(devices["gantry"], paths, world, ("firmware", "state", *CHECKS), check_gantry))
     yield from of_gantry
-    missing = any(finding.what == "firmware" and finding.ok is not Verdict.PASS for finding in of_gantry)
+    missing = any(finding.what == "firmware" and finding.ok is Verdict.FAIL for finding in of_gantry)
     for role in (role for role in SERVO_ROLES if role in devices):
         on_bus = sum(paths.get(other) == paths.get(role) for other in SERVO_ROLES if other in devices)
         check_axis = partial(

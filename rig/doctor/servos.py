@@ -11,7 +11,7 @@ from typing import Any
 from drivers.dynamixel import DynamixelAxis, DynamixelBus
 from drivers.dynamixel.answers import NoAnswerError
 from drivers.dynamixel.probe import FoundServo, found_on
-from drivers.dynamixel.reading import read_servo
+from drivers.dynamixel.reading import ServoReading, read_servo
 from drivers.dynamixel.settings import BAUD_RATES, DynamixelSettings
 from rig.bench import Device
 from rig.devices import LiveAxis
@@ -45,26 +45,27 @@ def check_axis(device: Device, *, missing: Device | None, on_bus: int, world: Su
 def _check_dynamixel(
     subject: str, axis: DynamixelAxis, missing: Device | None, on_bus: int, world: Surroundings
 ) -> list[Finding]:
-    bus, settings = axis.bus, axis.settings
+    settings = axis.settings
     # Looked at first, since packets for servos are not for the ears of a gantry's controller.
     swapped = None if missing is None else _swapped(subject, settings, missing, world)
     if swapped is not None:
         return _mute(subject, swapped)
     try:
-        bus.open(axis)
-    except HardwareError as error:
-        return _mute(subject, raised(subject, "answers", error))
-    try:
-        reading = read_servo(bus, settings.id)
+        reading = _read(axis)
     except NoAnswerError as error:
-        bus.close(axis)
-        return _mute(subject, _elsewhere(subject, settings, bus) or raised(subject, "answers", error))
+        return _mute(subject, _elsewhere(subject, settings, axis.bus) or raised(subject, "answers", error))
     except HardwareError as error:
         return _mute(subject, raised(subject, "answers", error))
-    finally:
-        bus.close(axis)
     answers = passed(subject, "answers", f"id {settings.id} at {settings.baud} baud")
     return [answers, *check_servo(Seen(subject, settings, reading, on_bus, _latency_ms(settings, world)))]
+
+
+def _read(axis: DynamixelAxis) -> ServoReading:
+    axis.bus.open(axis)
+    try:
+        return read_servo(axis.bus, axis.settings.id)
+    finally:
+        axis.bus.close(axis)
 
 
 def _mute(subject: str, finding: Finding) -> list[Finding]:
