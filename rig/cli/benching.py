@@ -47,10 +47,11 @@ def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json
     See that the way to the switches is free: homing passes no keep-out check.
     """
     with _connected(bench) as (guard, asked):
+        # Homed first: a controller that has just been switched on is in alarm, and nothing else is possible then.
+        guard.home()
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):
             if value is not None:
                 guard.reference(axis, value)
-        guard.home()
         _tell(guard, as_json)
         _end(asked)
 
