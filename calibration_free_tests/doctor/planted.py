@@ -9,8 +9,9 @@ from typing import Any
 
 import cv2
 
+from calibration_free_tests.camera.test_identity import BY_PATH, Computer
 from calibration_free_tests.doctor.sample import BUS_PORT, GANTRY_PORT, HeldElsewhere, Workbench
-from drivers.camera_identity import _refuse_another
+from drivers.camera_identity import find_camera
 from drivers.serial_ports import resolve_port
 from rig.doctor import DiskLook, Finding, Verdict
 from rig.errors import InputError
@@ -133,13 +134,10 @@ def _unreadable(bench: Workbench) -> None:
 
 
 def _another_camera(bench: Workbench) -> Mapping[str, Any]:
-    bench.file["devices"]["camera"]["usb_id"] = "046d:0826"
-
-    def find(settings: Any) -> Any:
-        _refuse_another(settings, bench.found_camera)
-        return bench.found_camera
-
-    return {"find_camera": find}
+    computer = Computer(bench.folder / "computer")
+    computer.plug(1, usb_id="046d:0825")
+    bench.file["devices"]["camera"] |= {"source": BY_PATH.format(1, 0), "usb_id": "046d:0826"}
+    return {"find_camera": lambda settings: find_camera(settings, computer.root)}
 
 
 def _latched(bench: Workbench) -> None:

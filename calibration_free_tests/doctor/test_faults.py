@@ -32,4 +32,5 @@ def test_a_planted_fault_is_named_with_its_remedy_and_nothing_else_is_blamed(
     assert fault.named(findings), text_of(findings)
     assert fault.remedied(findings), text_of(findings)
     assert not fault.false_alarms(findings), text_of(fault.false_alarms(findings))
+    assert all(finding.remedy for finding in findings if finding.ok in (Verdict.WARN, Verdict.FAIL))
     assert healthy(findings) is (fault.verdict is Verdict.WARN)
