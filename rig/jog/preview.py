@@ -195,6 +195,8 @@ class _Server(ThreadingHTTPServer):
     """A thread a connection, and no more than `MOST_CONNECTIONS` of them."""
 
     daemon_threads = True
+    # So that what is over the bound is refused at once, and does not wait to be accepted.
+    request_queue_size = 4 * MOST_CONNECTIONS
     # Leaving does not wait for clients that take nothing.
     block_on_close = False
 
