@@ -41,7 +41,8 @@ def play(folder: Path, script: Script, size: tuple[int, int] = (80, 24), homed: 
             app.follow()
             await script(s, app, pilot)
 
-    with session(folder, homed=homed) as s:
+    # The pilot waits until the process is idle.
+    with session(folder, homed=homed, idle_s=0.5) as s:
         asyncio.run(run(s))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
@@ -48,13 +49,15 @@ def jog(
     from rig.bench import load_bench, open_live
     from rig.jog.jogger import Jogger
     from rig.jog.keeping import HandGrid
+    from rig.jog.leaving import leaves_in_order
     from rig.jog.looking import Looker
     from rig.jog.marks import Marks, marks_file
 
     config = load_bench(bench)
     marks = Marks(marks_file(config.key))
     folder = out or Path("grids") / f"{datetime.now():%Y%m%d-%H%M%S}_by-hand"
-    # Asks the terminal what it can show, which must be over before anything reads keys from it.
+    # Importing it asks the terminal what it can show: before anything else reads keys. No answer is no news.
+    logging.getLogger("textual_image").setLevel(logging.ERROR)
     from rig.jog.app import JogApp
 
     with ExitStack() as stack:
@@ -72,9 +75,12 @@ def jog(
 
             page = stack.enter_context(Preview(guard.latest, lambda: _told(jogger, looker), port=preview_port or 0))
             url = page.url
-        JogApp(jogger, looker, bench.name, url).run()
+        with leaves_in_order(stack.close) as leave:
+            screen = JogApp(jogger, looker, bench.name, url, leave)
+            screen.run()
     if grid.count:
         typer.echo(f"{folder}: {grid.count} pictures")
+    raise typer.Exit(screen.return_code or 0)
 
 
 def _refuse_without_textual() -> None:
@@ -91,6 +97,7 @@ def _refuse_without_textual() -> None:
 
 
 def _refuse_without_terminal() -> None:
+    import os
     import sys
 
     from rig.errors import InputError
@@ -100,6 +107,9 @@ def _refuse_without_terminal() -> None:
             "`rig jog` needs a terminal for its screen and keys",
             remedy="In scripts use `rig move --by`, `rig capture` and `rig status`",
         )
+    columns, rows = os.get_terminal_size(sys.stdout.fileno())
+    if not (columns and rows):
+        raise InputError("the terminal does not tell its size", remedy="Tell it: stty columns 80 rows 24")
 
 
 def _told(jogger: Jogger, looker: Looker) -> dict[str, Any]:
