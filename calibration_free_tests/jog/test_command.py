@@ -12,10 +12,14 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 import pytest
+from textual.pilot import Pilot
 
 from calibration_free_tests.jog.bench import eventually, session
+from rig.bench.config import BenchConfig
+from rig.bench.mock import BenchFile
 from rig.cli import main
 from rig.guard import State
+from rig.imagegrid import read_grid
 from rig.jog.leaving import INTERRUPTED, leaves_in_order
 
 
@@ -89,3 +93,36 @@ def test_where_the_screen_hangs_the_bench_is_held_and_closed_all_the_same(tmp_pa
         assert ended == [INTERRUPTED]
         assert s.state is State.DISCONNECTED
         assert eventually(lambda: not any(device.connected for device in s.made.devices))
+
+
+@pytest.mark.filterwarnings("ignore:Image.Image.getdata is deprecated:DeprecationWarning")
+def test_it_joins_bench_screen_grid_marks_and_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """All but the terminal and the bench file is real."""
+    from rig.jog.app import JogApp
+
+    seen: list[str] = []
+    whole = JogApp.run
+
+    async def at_the_keys(pilot: Pilot[None]) -> None:
+        await pilot.press("c", "right", "m", "enter")
+        assert eventually(lambda: "mark 1" in str(pilot.app._jogger.messages))  # type: ignore[attr-defined]
+        seen.extend(message.text for message in pilot.app._jogger.messages)  # type: ignore[attr-defined]
+        await pilot.press("q")
+
+    def headless(app: JogApp) -> None:
+        whole(app, headless=True, size=(80, 24), auto_pilot=at_the_keys)
+
+    with session(tmp_path) as s:
+        s.jogger.close()
+        monkeypatch.setattr("rig.cli.jogging._refuse_without_terminal", lambda: None)
+        monkeypatch.setattr("rig.bench.load_bench", lambda path: BenchConfig(str(path), BenchFile.model_construct()))
+        monkeypatch.setattr("rig.bench.open_live", lambda config: s.made.guard)
+        monkeypatch.setattr(JogApp, "run", headless)
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+        with pytest.raises(SystemExit) as end:
+            main(["jog", "bench.yaml", "--out", str(tmp_path / "kept"), "--preview"])
+        assert end.value.code == 0
+        assert s.state is State.DISCONNECTED
+    assert any(text.startswith("preview: http://127.0.0.1:") for text in seen)
+    assert len(read_grid(tmp_path / "kept").frames) == 1
+    assert len(list((tmp_path / "state" / "rig" / "marks").iterdir())) == 1

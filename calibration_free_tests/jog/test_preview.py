@@ -10,18 +10,20 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from calibration_free_tests.jog.bench import eventually
+from calibration_free_tests.jog.bench import eventually, newest, session
 from rig.devices import Picture
 from rig.errors import InputError
 from rig.hal import Image
 from rig.jog import preview as module
+from rig.jog.looking import Looker
 from rig.jog.page import PAGE, SCRIPT, STYLE
-from rig.jog.preview import HEADERS, MOST_CONNECTIONS, ROUTES, TOKEN_HEADER, Preview
+from rig.jog.preview import HEADERS, MOST_CONNECTIONS, ROUTES, TOKEN_HEADER, Preview, told
 
 SECRET = sorted(path for path, route in ROUTES.items() if not route.public)
 LARGE: Image = np.random.default_rng(0).integers(0, 256, (1200, 1200, 3), np.uint8)
@@ -155,6 +157,19 @@ def test_the_page_has_nothing_from_elsewhere_and_no_inline_code() -> None:
         assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|\son\w+=\"|style=", text)
     found = re.findall(r'(?:src|href)="([^"]*)"', PAGE)
     assert set(found) <= set(ROUTES)
+
+
+def test_the_page_tells_state_place_and_how_old_the_picture_is(tmp_path: Path) -> None:
+    with session(tmp_path) as s:
+        looker = Looker(lambda: newest(s.made))
+        assert told(s.jogger.glance(), looker.look, 0.0)["old"] is True
+        looker.refresh()
+        now_s = s.gate.now_s()
+        beside = told(s.jogger.glance(), looker.look, now_s)
+        assert (beside["state"], beside["old"]) == ("idle", False)
+        assert "x -100.000  y 20.000" in str(beside["pose"])
+        assert "(good)" in str(beside["measures"])
+        assert told(s.jogger.glance(), looker.look, now_s + 3.0)["old"] is True
 
 
 def test_a_client_that_stalls_holds_up_nobody(page: Preview) -> None:

@@ -115,7 +115,7 @@ class JogApp(App[None]):
         self._put("troubles", lambda size: draw.troubles(status))
         self._put("messages", lambda size: draw.messages(jogger.messages, *size))
         self._put("keys", lambda size: draw.keys(steps, bool(self._preview)))
-        kept = f"{jogger.pictures} kept  {len(jogger.marks)} marks"
+        kept = f"pictures {jogger.pictures}  marks {len(jogger.marks)}"
         self._put("look", lambda size: draw.look(look, jogger.clock, kept, size.width))
         if look is not None and look.sequence != self._picture:
             self._picture = look.sequence
