@@ -83,7 +83,7 @@ def eventually(happened: Callable[[], bool]) -> bool:
 
 
 @contextmanager
-def session(folder: Path, *, homed: bool = True, **others: Any) -> Iterator[Session]:
+def session(folder: Path, *, homed: bool = True, idle_s: float = 0.01, **others: Any) -> Iterator[Session]:
     """A session at a bench that is connected, and, unless told otherwise, homed and at `PLACE`."""
     gate = Gate()
     made = bench(clock=gate, **others)
@@ -94,7 +94,7 @@ def session(folder: Path, *, homed: bool = True, **others: Any) -> Iterator[Sess
         made.guard.move_to(PLACE)
     made.motions.clear()
     grid = HandGrid(folder / "grid", "bench.yaml")
-    with made.guard, grid, Jogger(made.guard, grid, Marks(folder / "marks.json"), idle_s=0.01) as jogger:
+    with made.guard, grid, Jogger(made.guard, grid, Marks(folder / "marks.json"), idle_s=idle_s) as jogger:
         try:
             yield Session(made, gate, jogger, folder)
         finally:

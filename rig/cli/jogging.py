@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from rig.cli.help import example
-
-if TYPE_CHECKING:
-    from rig.jog.jogger import Jogger
-    from rig.jog.looking import Looker
 
 NEEDS = ("textual", "textual_image")
 
@@ -48,13 +45,15 @@ def jog(
     from rig.bench import load_bench, open_live
     from rig.jog.jogger import Jogger
     from rig.jog.keeping import HandGrid
+    from rig.jog.leaving import leaves_in_order
     from rig.jog.looking import Looker
     from rig.jog.marks import Marks, marks_file
 
     config = load_bench(bench)
     marks = Marks(marks_file(config.key))
     folder = out or Path("grids") / f"{datetime.now():%Y%m%d-%H%M%S}_by-hand"
-    # Asks the terminal what it can show, which must be over before anything reads keys from it.
+    # Importing it asks the terminal what it can show: before anything else reads keys. No answer is no news.
+    logging.getLogger("textual_image").setLevel(logging.ERROR)
     from rig.jog.app import JogApp
 
     with ExitStack() as stack:
@@ -68,13 +67,18 @@ def jog(
         looker = stack.enter_context(Looker(guard.latest))
         url = ""
         if preview or preview_port is not None:
-            from rig.jog.preview import Preview
+            from rig.jog.preview import Preview, told
 
-            page = stack.enter_context(Preview(guard.latest, lambda: _told(jogger, looker), port=preview_port or 0))
-            url = page.url
-        JogApp(jogger, looker, bench.name, url).run()
+            def status() -> dict[str, str | bool]:
+                return told(guard.glance(), looker.look, guard.clock.now_s())
+
+            url = stack.enter_context(Preview(guard.latest, status, port=preview_port or 0)).url
+        with leaves_in_order(stack.close) as leave:
+            screen = JogApp(jogger, looker, bench.name, url, leave)
+            screen.run()
     if grid.count:
         typer.echo(f"{folder}: {grid.count} pictures")
+    raise typer.Exit(screen.return_code or 0)
 
 
 def _refuse_without_textual() -> None:
@@ -91,6 +95,7 @@ def _refuse_without_textual() -> None:
 
 
 def _refuse_without_terminal() -> None:
+    import os
     import sys
 
     from rig.errors import InputError
@@ -100,23 +105,6 @@ def _refuse_without_terminal() -> None:
             "`rig jog` needs a terminal for its screen and keys",
             remedy="In scripts use `rig move --by`, `rig capture` and `rig status`",
         )
-
-
-def _told(jogger: Jogger, looker: Looker) -> dict[str, Any]:
-    """What the preview page shows beside the picture."""
-    from rig.jog.places import shown
-
-    status, look = jogger.glance(), looker.look
-    old_s = 0.0 if look is None else jogger.clock.now_s() - look.exposed_at_s
-    measures = "no picture has come"
-    if look is not None:
-        measures = (
-            f"sharpness {look.sharpness:.1f} %   light {100 * look.exposure.mean:.0f} % ({look.exposure.verdict})"
-        )
-    return {
-        "state": status.state.value,
-        "pose": "where it stands is not known" if status.pose is None else shown(status.pose),
-        "measures": measures,
-        "trouble": "; ".join(status.troubles),
-        "old": old_s > 2.0 or look is None,
-    }
+    columns, rows = os.get_terminal_size(sys.stdout.fileno())
+    if not (columns and rows):
+        raise InputError("the terminal does not tell its size", remedy="Tell it: stty columns 80 rows 24")

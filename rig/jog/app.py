@@ -17,6 +17,7 @@ from textual.widgets import Static
 
 from rig.jog import draw
 from rig.jog.jogger import STEPS, Jogger
+from rig.jog.leaving import INTERRUPTED
 from rig.jog.looking import Looker
 from rig.jog.picture import PictureView
 from rig.jog.prompts import MarkList, Prompt
@@ -46,6 +47,7 @@ class JogApp(App[None]):
         looker: looks at the pictures.
         bench: its name, for people.
         preview: where the preview page is; empty: there is none.
+        leave: ends the screen once it is set.
     """
 
     ENABLE_COMMAND_PALETTE = False
@@ -70,10 +72,13 @@ class JogApp(App[None]):
         Binding("q", "quit"),
     ]
 
-    def __init__(self, jogger: Jogger, looker: Looker, bench: str, preview: str = "") -> None:
+    def __init__(
+        self, jogger: Jogger, looker: Looker, bench: str, preview: str = "", leave: threading.Event | None = None
+    ) -> None:
         super().__init__()
         self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (100, "-wide")]
         self.VERTICAL_BREAKPOINTS = [(0, "-low"), (32, "-tall")]
+        self._leave = leave or threading.Event()
         self._jogger, self._looker, self._bench, self._preview = jogger, looker, bench, preview
         self._parts = {part: Static(id=part) for part in ("top", "look", "axes", "troubles", "messages", "keys")}
         self._view, self._picture = PictureView(id="picture"), -1
@@ -90,13 +95,9 @@ class JogApp(App[None]):
         yield from (self._parts[part] for part in ("troubles", "messages", "keys"))
 
     def on_mount(self) -> None:
-        """Begin to follow the rig, and answer signals in order: none may leave the rig moving."""
+        """Begin to follow the rig. A Ctrl-C that comes as a signal is one all the same."""
         if threading.current_thread() is threading.main_thread():
-            loop = asyncio.get_running_loop()
-            loop.add_signal_handler(signal.SIGINT, self.action_interrupt)
-            # Leaving holds what moves.
-            for number in (signal.SIGTERM, signal.SIGHUP):
-                loop.add_signal_handler(number, self.exit)
+            asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self.action_interrupt)
         if self._preview:
             self.action_preview()
         # Once it is known how large everything is.
@@ -105,6 +106,8 @@ class JogApp(App[None]):
 
     def follow(self) -> None:
         """Show what is known now. Also behind a prompt."""
+        if self._leave.is_set():
+            self.exit(return_code=INTERRUPTED)
         jogger, status = self._jogger, self._jogger.glance()
         look, steps = self._looker.look, jogger.steps
         self._put("top", lambda size: draw.top(self._bench, status, jogger.running, jogger.waiting))
@@ -112,7 +115,7 @@ class JogApp(App[None]):
         self._put("troubles", lambda size: draw.troubles(status))
         self._put("messages", lambda size: draw.messages(jogger.messages, *size))
         self._put("keys", lambda size: draw.keys(steps, bool(self._preview)))
-        kept = f"{jogger.pictures} kept  {len(jogger.marks)} marks"
+        kept = f"pictures {jogger.pictures}  marks {len(jogger.marks)}"
         self._put("look", lambda size: draw.look(look, jogger.clock, kept, size.width))
         if look is not None and look.sequence != self._picture:
             self._picture = look.sequence

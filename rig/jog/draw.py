@@ -131,7 +131,7 @@ def look(seen: Look | None, clock: Clock, kept: str, width: int) -> Text:
     )
     third = Text(f"black {100 * seen.exposure.dark:6.1f} %  clipped {100 * seen.exposure.bright:.1f} %", _DIM)
     age_s = max(0.0, clock.now_s() - seen.exposed_at_s)
-    fourth = Text(f"{kept}  picture {_age(age_s)}", _DIM if age_s < _OLD_S else "yellow")
+    fourth = Text(f"{kept}  newest {_age(age_s)}", _DIM if age_s < _OLD_S else "yellow")
     return Text("\n").join([first, second, third, fourth])
 
 

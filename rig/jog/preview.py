@@ -20,7 +20,10 @@ from urllib.parse import urlsplit
 
 from rig.devices import Picture
 from rig.errors import InputError
+from rig.guard import GuardStatus
+from rig.jog.looking import Look, shrunk
 from rig.jog.page import PAGE, SCRIPT, STYLE
+from rig.jog.places import shown
 
 LOOPBACK = "127.0.0.1"
 MOST_CONNECTIONS = 16
@@ -28,6 +31,7 @@ CLIENT_TIMEOUT_S = 5.0
 TOKEN_HEADER = "X-Rig-Token"
 _LARGEST_PX, _QUALITY = 1280, 80
 _MOST_TARGET = 200
+_OLD_S = 2.0
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -182,10 +186,23 @@ ROUTES: dict[str, Route] = {
 }
 
 
+def told(status: GuardStatus, look: Look | None, now_s: float) -> dict[str, str | bool]:
+    """What the page shows beside the picture; ``old``: the picture is no live one."""
+    measures = "no picture has come"
+    if look is not None:
+        light = look.exposure
+        measures = f"sharpness {look.sharpness:.1f} %   light {100 * light.mean:.0f} % ({light.verdict})"
+    return {
+        "state": status.state.value,
+        "pose": "where it stands is not known" if status.pose is None else shown(status.pose),
+        "measures": measures,
+        "trouble": "; ".join(status.troubles),
+        "old": look is None or now_s - look.exposed_at_s > _OLD_S,
+    }
+
+
 def _jpeg(picture: Picture) -> bytes:
     import cv2
-
-    from rig.jog.looking import shrunk
 
     small = shrunk(picture.image, _LARGEST_PX)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
@@ -195,6 +212,8 @@ class _Server(ThreadingHTTPServer):
     """A thread a connection, and no more than `MOST_CONNECTIONS` of them."""
 
     daemon_threads = True
+    # So that what is over the bound is refused at once, and does not wait to be accepted.
+    request_queue_size = 4 * MOST_CONNECTIONS
     # Leaving does not wait for clients that take nothing.
     block_on_close = False
 
