@@ -142,7 +142,7 @@ def stop(
 
 def capture(
     bench: Bench,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder, new or empty.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder; added to if it is there.")],
     x_mm: X = None,
     y_mm: Y = None,
     z_mm: Z = None,
@@ -158,15 +158,18 @@ def capture(
 
     wish = {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "theta_deg": theta_deg, "zoom": zoom}
     told = {axis: value for axis, value in wish.items() if value is not None}
-    with _connected(bench) as (guard, asked):
-        writer = GridWriter(out, _info(bench, fixed_by_zoom=guard.internals_fixed_by_zoom))
+    with (
+        _connected(bench) as (guard, asked),
+        GridWriter(out, _info(bench, fixed_by_zoom=guard.internals_fixed_by_zoom), grow=True) as writer,
+    ):
         if home_first:
             guard.home()
         if told:
             with _wrong_input():
                 guard.move_to(_changed(guard.pose, told))
         frame = guard.capture()
-        kept = writer.add(frame, "images/00001.png", taken_at=datetime.now().astimezone().isoformat("T", "seconds"))
+        taken_at = datetime.now().astimezone().isoformat("T", "seconds")
+        kept = writer.add(frame, writer.free_name(), taken_at=taken_at)
         if as_json:
             _print_json({"file": str(out / kept.file), "pose": _pose(frame.rig_pose), "sha256": kept.sha256})
         else:
