@@ -47,7 +47,7 @@ def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json
     See that the way to the switches is free: homing passes no keep-out check.
     """
     with _connected(bench) as (guard, asked):
-        # A controller that has just been switched on is locked, and nothing can be referenced in alarm.
+        # Homed first: a controller that has just been switched on is in alarm, and nothing else is possible then.
         guard.home()
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):
             if value is not None:
