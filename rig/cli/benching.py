@@ -142,7 +142,7 @@ def stop(
 
 def capture(
     bench: Bench,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder; added to if it is there.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder; it may grow.")],
     x_mm: X = None,
     y_mm: Y = None,
     z_mm: Z = None,
