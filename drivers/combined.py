@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
+from drivers.frame_checks import BadFrameError
 from rig.devices import (
     AxisStatus,
     Clock,
@@ -250,9 +251,16 @@ class CombinedRig:
         """A picture whose exposure began after ``after_s``.
 
         Raises:
+            BadFrameError: pictures come, but none that can be used.
             HardwareError: none came in time, or the camera has failed.
         """
-        return _named("camera", partial(self.camera.capture, after_s))
+        try:
+            return _named("camera", partial(self.camera.capture, after_s))
+        except HardwareError as error:
+            # That pictures are bad, not that the camera has failed, is for a scan to know: it tries again.
+            if isinstance(error.__cause__, BadFrameError):
+                raise BadFrameError(str(error), error.__cause__.faults) from error
+            raise
 
     def unlock(self) -> None:
         """Leave the gantry's alarm, if it is one that can be left so.

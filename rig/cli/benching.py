@@ -77,7 +77,7 @@ def move(
             if by:
                 guard.jog(**{f"d{axis}": value for axis, value in told.items()})
             else:
-                guard.move_to(_changed(guard.pose, told))
+                guard.move_to(_changed(guard, told))
         _tell(guard, as_json)
         _end(asked)
 
@@ -166,7 +166,7 @@ def capture(
             guard.home()
         if told:
             with _wrong_input():
-                guard.move_to(_changed(guard.pose, told))
+                guard.move_to(_changed(guard, told))
         frame = guard.capture()
         taken_at = datetime.now().astimezone().isoformat("T", "seconds")
         kept = writer.add(frame, writer.free_name(), taken_at=taken_at)
@@ -209,10 +209,16 @@ def _end(asked: Callable[[], bool]) -> None:
         raise typer.Exit(INTERRUPTED)
 
 
-def _changed(pose: RigPose, told: dict[str, float]) -> RigPose:
-    from dataclasses import replace
+def _changed(guard: Guard, told: dict[str, float]) -> RigPose:
+    """Where the rig stands, but for what is told. An axis that reads a hair beyond its end stays at the end."""
+    from dataclasses import asdict, replace
 
-    return replace(pose, **told)
+    stays = {}
+    for axis, value in asdict(guard.pose).items():
+        limit, most = getattr(guard.limits, axis), guard.rules.tolerance.of(axis)
+        end = min(max(value, limit.lower), limit.upper)
+        stays[axis] = end if abs(end - value) <= most else value
+    return replace(guard.pose, **stays | told)
 
 
 def _waited() -> bool:
