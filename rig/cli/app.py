@@ -12,7 +12,18 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rig.cli import benching, emulating, importing, model, recognising, runs, scanning, simulating
+from rig.cli import (
+    benching,
+    checking,
+    emulating,
+    importing,
+    jogging,
+    model,
+    recognising,
+    runs,
+    scanning,
+    simulating,
+)
 from rig.errors import RigError
 
 DONE, FAILED, BAD_INPUT, HARDWARE_FAULT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -80,7 +91,8 @@ def rig(
     """
 
 
-for _module in (recognising, benching, scanning, simulating, emulating, model, runs, importing):
+_MODULES = (recognising, benching, jogging, scanning, checking, simulating, emulating, model, runs, importing)
+for _module in _MODULES:
     _module.register(app)
 
 

@@ -47,7 +47,7 @@ def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json
     See that the way to the switches is free: homing passes no keep-out check.
     """
     with _connected(bench) as (guard, asked):
-        # Homed first: a controller that has just been switched on is in alarm, and nothing else is possible then.
+        # A controller that has just been switched on is locked, and nothing can be referenced in alarm.
         guard.home()
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):
             if value is not None:
@@ -77,7 +77,7 @@ def move(
             if by:
                 guard.jog(**{f"d{axis}": value for axis, value in told.items()})
             else:
-                guard.move_to(_changed(guard, told))
+                guard.move_to(_changed(guard.pose, told))
         _tell(guard, as_json)
         _end(asked)
 
@@ -142,7 +142,7 @@ def stop(
 
 def capture(
     bench: Bench,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder; it may grow.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The image grid's folder; it may exist.")],
     x_mm: X = None,
     y_mm: Y = None,
     z_mm: Z = None,
@@ -152,24 +152,23 @@ def capture(
     as_json: Json = False,
 ) -> None:
     """Take a picture, at a pose or where the rig stands, and keep it in an image grid with its pose."""
-    from datetime import datetime
-
-    from rig.imagegrid import GridWriter
+    from rig.jog.keeping import HandGrid
 
     wish = {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "theta_deg": theta_deg, "zoom": zoom}
     told = {axis: value for axis, value in wish.items() if value is not None}
     with (
         _connected(bench) as (guard, asked),
-        GridWriter(out, _info(bench, fixed_by_zoom=guard.internals_fixed_by_zoom), grow=True) as writer,
+        HandGrid(out, bench.name, fixed_by_zoom=guard.internals_fixed_by_zoom) as grid,
     ):
+        # What is wrong with a grid that is there is told before anything moves.
+        grid.open()
         if home_first:
             guard.home()
         if told:
             with _wrong_input():
-                guard.move_to(_changed(guard, told))
+                guard.move_to(_changed(guard.pose, told))
         frame = guard.capture()
-        taken_at = datetime.now().astimezone().isoformat("T", "seconds")
-        kept = writer.add(frame, writer.free_name(), taken_at=taken_at)
+        kept = grid.add(frame)
         if as_json:
             _print_json({"file": str(out / kept.file), "pose": _pose(frame.rig_pose), "sha256": kept.sha256})
         else:
@@ -209,16 +208,10 @@ def _end(asked: Callable[[], bool]) -> None:
         raise typer.Exit(INTERRUPTED)
 
 
-def _changed(guard: Guard, told: dict[str, float]) -> RigPose:
-    """Where the rig stands, but for what is told. An axis that reads a hair beyond its end stays at the end."""
-    from dataclasses import asdict, replace
+def _changed(pose: RigPose, told: dict[str, float]) -> RigPose:
+    from dataclasses import replace
 
-    stays = {}
-    for axis, value in asdict(guard.pose).items():
-        limit, most = getattr(guard.limits, axis), guard.rules.tolerance.of(axis)
-        end = min(max(value, limit.lower), limit.upper)
-        stays[axis] = end if abs(end - value) <= most else value
-    return replace(guard.pose, **stays | told)
+    return replace(pose, **told)
 
 
 def _waited() -> bool:
@@ -320,13 +313,6 @@ def _pose_words(pose: RigPose) -> str:
 def _words(pose: dict[str, float]) -> str:
     x, y, z, theta, zoom = (pose[axis] for axis in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom"))
     return f"x {x:.3f}  y {y:.3f}  z {z:.3f} mm  theta {theta:.3f}°  zoom {zoom:.3f}"
-
-
-def _info(bench: Path, *, fixed_by_zoom: bool) -> Any:
-    from rig.imagegrid import GridInfo
-
-    internals = {"internals": "fixed_by_zoom"} if fixed_by_zoom else {}
-    return GridInfo.model_validate({"provenance": f"taken by hand on the bench {bench.name}", **internals})
 
 
 def _print_json(value: dict[str, Any]) -> None:
