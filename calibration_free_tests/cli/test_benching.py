@@ -175,15 +175,18 @@ def test_the_status_of_a_bench_that_nobody_holds_is_asked_of_its_devices(
     assert "! gantry: not homed" in text
 
 
-def test_a_picture_by_hand_is_kept_in_an_image_grid_with_its_pose(
+def test_pictures_by_hand_are_kept_in_one_image_grid_with_their_poses(
     person: Person, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = person.folder / "by-hand"
-    assert run("capture", person.bench, "--out", folder, "--home", "--x-mm", 3, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    (frame,) = read_grid(folder).frames
-    assert frame.pose.x_mm == told["pose"]["x_mm"] == 3.0
-    assert Path(told["file"]).exists()
+    assert run("capture", person.bench, "--out", folder, "--home", "--x-mm", 900) == 2
+    assert "x_mm = 900 is outside 0 .. 500" in capsys.readouterr().err
+    for x_mm in (3.0, 4.0):
+        assert run("capture", person.bench, "--out", folder, "--home", "--x-mm", x_mm, "--json") == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["pose"]["x_mm"] == x_mm
+        assert Path(told["file"]).exists()
+    assert [frame.pose.x_mm for frame in read_grid(folder).frames] == [3.0, 4.0]
 
 
 # STOP.

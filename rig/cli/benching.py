@@ -77,7 +77,7 @@ def move(
             if by:
                 guard.jog(**{f"d{axis}": value for axis, value in told.items()})
             else:
-                guard.move_to(_changed(guard, told))
+                guard.move_to(_changed(guard.pose, told))
         _tell(guard, as_json)
         _end(asked)
 
@@ -166,7 +166,7 @@ def capture(
             guard.home()
         if told:
             with _wrong_input():
-                guard.move_to(_changed(guard, told))
+                guard.move_to(_changed(guard.pose, told))
         frame = guard.capture()
         kept = grid.add(frame)
         if as_json:
@@ -208,16 +208,10 @@ def _end(asked: Callable[[], bool]) -> None:
         raise typer.Exit(INTERRUPTED)
 
 
-def _changed(guard: Guard, told: dict[str, float]) -> RigPose:
-    """Where the rig stands, but for what is told. An axis that reads a hair beyond its end stays at the end."""
-    from dataclasses import asdict, replace
+def _changed(pose: RigPose, told: dict[str, float]) -> RigPose:
+    from dataclasses import replace
 
-    stays = {}
-    for axis, value in asdict(guard.pose).items():
-        limit, most = getattr(guard.limits, axis), guard.rules.tolerance.of(axis)
-        end = min(max(value, limit.lower), limit.upper)
-        stays[axis] = end if abs(end - value) <= most else value
-    return replace(guard.pose, **stays | told)
+    return replace(pose, **told)
 
 
 def _waited() -> bool:
