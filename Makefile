@@ -11,11 +11,15 @@ PYTEST := $(VENV)/bin/python -m pytest -n 2 --dist loadfile
 # Of one long test.
 SOAK_TIMEOUT_S ?= 7200
 
-.PHONY: demo test soak lint set-up clean
+.PHONY: demo bench-demo test soak lint set-up clean
 .DEFAULT_GOAL := demo
 
 demo: $(STAMP)
 	$(VENV)/bin/rig demo
+
+# On emulated devices, on ports of this computer.
+bench-demo: $(STAMP)
+	RIG=$(VENV)/bin/rig examples/bench_demo.sh
 
 test: $(STAMP)
 	$(PYTEST) -m "not soak" $(ARGS)

@@ -7,11 +7,13 @@ nothing else is on the way. Signs, scales and squareness come in as a `Placement
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
+from drivers.frame_checks import BadFrameError
 from rig.devices import (
     AxisStatus,
     Clock,
@@ -33,6 +35,9 @@ NAMES = {PAN: "pan", ZOOM: "zoom"}
 
 Result = TypeVar("Result")
 Stops = Mapping[str, Callable[[], StopReport]]
+
+STOP_S = 14.0
+"""Longer than any driver takes to give its STOP up, and shorter than `rig stop` waits for an answer."""
 
 
 class Placement(Protocol):
@@ -90,7 +95,7 @@ class RigStatus:
 
 
 def in_threads(stops: Stops) -> dict[str, StopReport]:
-    """Stop all devices at the same time: none waits until another is at rest."""
+    """Stop all devices at the same time: none waits until another is at rest, or for one that never is."""
     reports: dict[str, StopReport] = {}
 
     def run(name: str, stop: Callable[[], StopReport]) -> None:
@@ -106,9 +111,11 @@ def in_threads(stops: Stops) -> dict[str, StopReport]:
             run(name, stop)
         else:
             threads.append(thread)
+    deadline_s = time.monotonic() + STOP_S
     for thread in threads:
-        thread.join()
-    return reports
+        thread.join(max(0.0, deadline_s - time.monotonic()))
+    late = f"its STOP did not return within {STOP_S:g} s"
+    return {name: reports.get(name) or StopReport(None, False, False, late) for name in stops}
 
 
 def one_after_another(stops: Stops) -> dict[str, StopReport]:
@@ -244,9 +251,16 @@ class CombinedRig:
         """A picture whose exposure began after ``after_s``.
 
         Raises:
+            BadFrameError: pictures come, but none that can be used.
             HardwareError: none came in time, or the camera has failed.
         """
-        return _named("camera", partial(self.camera.capture, after_s))
+        try:
+            return _named("camera", partial(self.camera.capture, after_s))
+        except HardwareError as error:
+            # That pictures are bad, not that the camera has failed, is for a scan to know: it tries again.
+            if isinstance(error.__cause__, BadFrameError):
+                raise BadFrameError(str(error), error.__cause__.faults) from error
+            raise
 
     def unlock(self) -> None:
         """Leave the gantry's alarm, if it is one that can be left so.

@@ -39,13 +39,13 @@ class ViewMatches:
         return ViewMatches(self.part[rows], self.corners_px[rows], self.weight[rows])
 
 
-def no_matches(hypotheses: int, seen: Seen) -> ViewMatches:
-    """Nothing matched yet."""
+def no_matches(hypotheses: int, seen: Seen, room: int = MOST_MATCHES) -> ViewMatches:
+    """Nothing matched yet; ``room`` for so many."""
     corners = seen.corners_px.shape[1]
     return ViewMatches(
-        np.full((hypotheses, MOST_MATCHES), -1),
-        np.zeros((hypotheses, MOST_MATCHES, corners, 2)),
-        np.zeros((hypotheses, MOST_MATCHES)),
+        np.full((hypotheses, room), -1),
+        np.zeros((hypotheses, room, corners, 2)),
+        np.zeros((hypotheses, room)),
     )
 
 

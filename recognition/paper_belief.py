@@ -19,7 +19,7 @@ import numpy.typing as npt
 from recognition.belief import Belief
 from recognition.expected import GATE_MM, expect, part_in_camera, wall_angle, within_gates
 from recognition.geometry import Pose4
-from recognition.hypotheses import MOST_MATCHES, Hypotheses, ViewMatches, no_matches
+from recognition.hypotheses import Hypotheses, ViewMatches, no_matches
 from recognition.layout import Layout
 from recognition.pose import estimate_pose
 from recognition.seen import Seen
@@ -119,7 +119,7 @@ def eliminate(world: World, before: Interpretations, views: list[Seen]) -> Inter
     links; other parts, found or missed, are not asked for.
     """
     seen = views[-1]
-    hypotheses = add_view(before.hypotheses, views)
+    hypotheses = add_view(before.hypotheses, views, room=1)
     internals = guess_internals(world, hypotheses, views, seen.group, seen.zoom)
     expected = expect(world, hypotheses, seen.camera_row[None], internals[None], seen.image_size)
     middle = expected.first[0]
@@ -141,7 +141,7 @@ def eliminate(world: World, before: Interpretations, views: list[Seen]) -> Inter
 
 def carry(_: World, before: Interpretations, views: list[Seen]) -> Interpretations:
     """The same interpretations after an empty view, which eliminates nothing."""
-    return replace(before, hypotheses=add_view(before.hypotheses, views))
+    return replace(before, hypotheses=add_view(before.hypotheses, views, room=1))
 
 
 def central(seen: Seen, among: IntArray) -> int:
@@ -214,7 +214,7 @@ def _blank(world: World, part: IntArray, placement: FloatArray, views: list[Seen
         np.zeros((n, groups, 4)),
         np.zeros(n),
         np.zeros((n, len(views))),
-        tuple(no_matches(n, v) for v in views),
+        tuple(no_matches(n, v, room=1) for v in views),
     )
 
 
@@ -261,14 +261,15 @@ def _fit(
     )
     internals = hypotheses.internals.copy()
     internals[:, seen.group] = fit.internals[:, 0]
-    taken = np.full((n, MOST_MATCHES), -1)
-    px, weights = np.zeros((n, MOST_MATCHES, corners, 2)), np.zeros((n, MOST_MATCHES))
-    taken[:, 0], px[:, 0], weights[:, 0] = part, seen.corners_px[detection], weight
     fitted = replace(
         hypotheses,
         placement=fit.placement,
         covariance=fit.covariance,
         internals=internals,
-        matches=(*hypotheses.matches[:-1], ViewMatches(taken, px, weights)),
+        # Of each view one part is matched, so there is no room kept for more: interpretations are many.
+        matches=(
+            *hypotheses.matches[:-1],
+            ViewMatches(part[:, None], seen.corners_px[detection][:, None], weight[:, None]),
+        ),
     )
     return fitted, fit.valid & np.isfinite(fit.placement).all(axis=1), fit.cost

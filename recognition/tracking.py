@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.association import BEYOND_PX, NO_VOTES, OpenScale, match, vote_shift
-from recognition.hypotheses import Hypotheses, gather, no_matches, out_of_reach, refine
+from recognition.hypotheses import MOST_MATCHES, Hypotheses, gather, no_matches, out_of_reach, refine
 from recognition.layout import Layout, compile_layout
 from recognition.likelihood import part_log_odds, view_log_odds
 from recognition.modelbase import ModelBase
@@ -81,8 +81,11 @@ def start(world: World, proposals: Proposals, views: list[Seen], view: int) -> H
     return refine(world.layout, fresh, views, world.priors(views[view].image_size))
 
 
-def add_view(hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
-    """Room for one more view (the last of ``views``), not matched yet; new internals groups begin unknown."""
+def add_view(hypotheses: Hypotheses, views: list[Seen], room: int = MOST_MATCHES) -> Hypotheses:
+    """Add a view (the last of ``views``), not matched yet; new internals groups begin unknown.
+
+    ``room``: for so many matches in it.
+    """
     n = len(hypotheses)
     groups = max(v.group for v in views) + 1
     internals = np.zeros((n, groups, 4))
@@ -91,7 +94,7 @@ def add_view(hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
         hypotheses,
         internals=internals,
         odds=np.concatenate([hypotheses.odds, np.zeros((n, 1))], axis=1),
-        matches=(*hypotheses.matches, no_matches(n, views[-1])),
+        matches=(*hypotheses.matches, no_matches(n, views[-1], room)),
     )
 
 

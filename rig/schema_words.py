@@ -13,6 +13,9 @@ from pydantic import BaseModel
 Location = tuple[str | int, ...]
 """Keys and list indices from the top of the document, e.g. ``("axes", "x", "limits", 0)``."""
 
+ELSEWHERE = "elsewhere"
+"""Type of a `PydanticCustomError` of a whole model whose context ``at`` says which value within it is meant."""
+
 _KINDS = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -54,6 +57,14 @@ def describe(model: type[BaseModel], detail: Mapping[str, Any], data: Any) -> Wo
         return Wording(location, f"should be {_KINDS[kind]}, not {_shown(given)}", remedy)
     if kind in ("literal_error", "enum"):
         return _choice(location, given, str(context.get("expected", "")))
+    if kind == "union_tag_invalid":
+        at = (*location, str(context["discriminator"]).strip("'"))
+        return _choice(at, context["tag"], str(context["expected_tags"]).replace(", ", " or "))
+    if kind == "union_tag_not_found":
+        name = str(context["discriminator"]).strip("'")
+        return Wording((*location, name), "this key is missing", f"Add `{name}: ...`.")
+    if kind == ELSEWHERE:
+        return Wording((*location, *context["at"]), str(detail["msg"]))
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         word = "at least" if kind == "too_short" else "at most"

@@ -8,6 +8,7 @@ Times are seconds on the emulator's clock.
 
 from __future__ import annotations
 
+import bisect
 import enum
 import heapq
 import random
@@ -108,11 +109,20 @@ class WireByte:
     sent_at_s: float
 
 
+_Numbered = tuple[float, int, "Fault"]
+"""When, the place in the script, and what."""
+
+
 @dataclass
 class _Lane:
-    """One direction: what has passed, and which fault of the wire is at work."""
+    """One direction: what has passed, and which fault of the wire is at work.
 
-    waiting: list[Fault] = field(default_factory=list)
+    ``waiting`` are the faults still to come, by bytes, messages and time, the next of each kind first; ``ready`` those
+    whose moment has come, in the script's order.
+    """
+
+    waiting: tuple[list[_Numbered], ...] = field(default_factory=lambda: ([], [], []))
+    ready: list[tuple[int, Fault]] = field(default_factory=list)
     bytes_seen: int = 0
     messages_seen: int = 0
     tail: bytes = b""
@@ -150,7 +160,10 @@ class FaultyWire:
         if fault.kind not in WIRE_KINDS and fault.at_s is not None:
             self._schedule(fault.at_s, fault)
         else:
-            self._lanes[fault.side].waiting.append(fault)
+            self._serial += 1
+            triggers = (fault.at_byte, fault.at_message, fault.at_s)
+            kind, when = next((kind, when) for kind, when in enumerate(triggers) if when is not None)
+            heapq.heappush(self._lanes[fault.side].waiting[kind], (when, self._serial, fault))
 
     def bytes_sent(self, side: Side) -> int:
         """How many bytes have been sent in a direction: the number of the next one."""
@@ -181,10 +194,12 @@ class FaultyWire:
 
     def _carry_byte(self, lane: _Lane, value: int, now_s: float) -> list[WireByte]:
         start_s = max(lane.free_at_s, now_s)
-        for fault in [f for f in lane.waiting if _triggered(f, lane, start_s)]:
+        _trigger(lane, start_s)
+        for numbered in lane.ready.copy():
+            fault = numbered[1]
             if fault.kind in WIRE_KINDS and lane.active is not None:
                 continue  # one at a time: it acts on the first byte after the other is done
-            lane.waiting.remove(fault)
+            lane.ready.remove(numbered)
             if fault.kind in WIRE_KINDS:
                 lane.active, lane.left, lane.noise = fault, fault.count, random.Random(fault.mask)
                 lane.echo.clear()
@@ -235,12 +250,12 @@ class FaultyWire:
         return arriving
 
 
-def _triggered(fault: Fault, lane: _Lane, now_s: float) -> bool:
-    if fault.at_byte is not None:
-        return lane.bytes_seen >= fault.at_byte
-    if fault.at_message is not None:
-        return lane.messages_seen >= fault.at_message
-    return fault.at_s is not None and now_s >= fault.at_s
+def _trigger(lane: _Lane, now_s: float) -> None:
+    """Make ready what is due at the next byte; scripts may hold thousands of faults, so only the next are looked at."""
+    for heap, reached in zip(lane.waiting, (lane.bytes_seen, lane.messages_seen, now_s), strict=True):
+        while heap and heap[0][0] <= reached:
+            _, serial, fault = heapq.heappop(heap)
+            bisect.insort(lane.ready, (serial, fault), key=lambda numbered: numbered[0])
 
 
 def random_script(

@@ -224,7 +224,9 @@ def staged_rig(experiment: Experiment, base: ModelBase, start: Start) -> StagedR
     """The rig of an experiment, at its first view."""
     scene = draw_scene(base, start.object_id, start.seed)
     poses = viewing_poses(scene.object_model, scene.object_in_rig, STAND_OFFS_MM, zooms=(0.0, 1.0))
-    rig = StagedRig(scene, limits_around(poses), poses, internals=experiment.internals, seed=start.seed)
+    # The paper counts views, not seconds: beside a view, the way to it costs next to nothing here.
+    limits = replace(limits_around(poses), settle_s=100.0)
+    rig = StagedRig(scene, limits, poses, internals=experiment.internals, seed=start.seed)
     rig.tree_in, rig.zoom_of = experiment.tree_in, {}
     rig.begin(poses[start.pose])
     return rig

@@ -133,13 +133,31 @@ def test_where_nothing_could_be_a_part_more_views_are_wanted_before_none_of_thes
     assert judge(WORLD, nothing, bare * 3, SETTINGS) is None
 
 
+def with_another_part(belief: Belief, row: int) -> Belief:
+    """The belief with another part in place of the first one that a hypothesis has matched in the last view."""
+    matches = list(belief.hypotheses.matches)
+    part = matches[-1].part.copy()
+    part[row, 0] += 1
+    matches[-1] = replace(matches[-1], part=part)
+    return replace(belief, hypotheses=replace(belief.hypotheses, matches=tuple(matches)))
+
+
 def test_companions_are_of_the_same_object_and_nearly_the_same_pose() -> None:
     belief = split(0.5, 0.3, 0.2)
     assert leading_group(WORLD, belief, VIEWS).tolist() == [True, False, False]
     same = replace(belief, hypotheses=replace(belief.hypotheses, object_of=np.array([1, 1, 1])))
     assert leading_group(WORLD, same, VIEWS).tolist() == [True, True, True]
-    assert leading_group(WORLD, turned(same, 1, 0.0, 150.0), VIEWS).tolist() == [True, False, True]
+    away = with_another_part(turned(same, 1, 0.0, 150.0), 1)
+    assert leading_group(WORLD, away, VIEWS).tolist() == [True, False, True]
     assert leading_group(WORLD, turned(same, 2, 30.0, 0.0), VIEWS).tolist() == [True, True, False]
+
+
+def test_one_place_whose_depth_is_open_is_one_place() -> None:
+    """The same parts, matched in every view, from farther away: an unsure pose, and not another place."""
+    belief = split(0.5, 0.3, 0.2)
+    same = replace(belief, hypotheses=replace(belief.hypotheses, object_of=np.array([1, 1, 1])))
+    assert leading_group(WORLD, turned(same, 1, 0.0, 150.0), VIEWS).tolist() == [True, True, True]
+    assert pose_sd(turned(same, 1, 0.0, 150.0), VIEWS, np.ones(3, dtype=bool))["x_mm"] > 50.0
 
 
 def test_companions_share_the_probability_that_ends_a_run() -> None:

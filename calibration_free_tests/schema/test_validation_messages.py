@@ -98,7 +98,7 @@ def test_each_problem_has_place_path_and_words(text: str, expected: str) -> None
 def test_an_unknown_kind_of_device_is_told_at_its_place() -> None:
     (line,) = problems(GOOD + "device:\n  kind: grlb\n")
     assert line.startswith("rig.yaml:4:")
-    assert "'grbl', 'mock'" in line
+    assert "should be 'grbl' or 'mock', not the text 'grlb'" in line
 
 
 def test_all_problems_of_a_file_are_told_at_once() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from drivers.dynamixel.answers import NoAnswerError
@@ -21,7 +22,7 @@ from drivers.dynamixel.settings import DynamixelSettings
 from drivers.dynamixel.table import MOST_TURNS, TICKS_PER_TURN, ServoState
 from drivers.serial_link import LinkLostError
 from rig.devices import AxisStatus, Clock, Identity, Motion, StopReport
-from rig.errors import HardwareError, UnreachableError
+from rig.errors import HardwareError, InputError, UnreachableError
 
 
 class DynamixelAxis:
@@ -41,6 +42,26 @@ class DynamixelAxis:
         self.bus = bus or DynamixelBus(settings.port, settings.baud, clock, latency_timer_ms=settings.latency_timer_ms)
         self.servo = Servo(settings, self.bus)
         self._clock = clock
+
+    @classmethod
+    def together(cls, settings: Sequence[DynamixelSettings], clock: Clock) -> list[DynamixelAxis]:
+        """Axes of one bench, in the order of their settings; those on one port share its bus.
+
+        Raises:
+            InputError: axes on one port with different baud rates.
+        """
+        buses: dict[str, DynamixelBus] = {}
+        for one in settings:
+            bus = buses.setdefault(
+                one.port, DynamixelBus(one.port, one.baud, clock, latency_timer_ms=one.latency_timer_ms)
+            )
+            if bus.baud != one.baud:
+                raise InputError(
+                    f"two baud rates on one port, {bus.baud} and {one.baud}",
+                    where=one.port,
+                    remedy="Give the servos of a bus the same baud rate",
+                )
+        return [cls(one, clock, bus=buses[one.port]) for one in settings]
 
     @property
     def name(self) -> str:
@@ -244,7 +265,13 @@ class DynamixelAxis:
         return self.settings.role.ticks_at(self.settings.role.to_angle_deg(position))
 
     def _position(self, ticks: float) -> float:
-        return self.settings.role.to_position(self.settings.role.angle_deg_at(ticks))
+        role = self.settings.role
+        angle_deg = role.angle_deg_at(ticks)
+        position = role.to_position(angle_deg)
+        end = min(max(position, role.lower), role.upper)
+        # An end of the travel lies between two ticks: an axis that was sent there must not read as beyond it, where no
+        # move may begin or end, and where there is no zoom setting.
+        return end if abs(role.to_angle_deg(end) - angle_deg) <= self.settings.tolerance_deg else position
 
     def _refuse_unreachable(self, position: float) -> None:
         role = self.settings.role

@@ -71,6 +71,10 @@ class DynamixelBus:
         self._users: list[object] = []
         self._questions = 0
 
+    def at(self, baud: int) -> DynamixelBus:
+        """Another bus, not open yet, on the same port at another baud rate; not both at a time."""
+        return DynamixelBus(self.port, baud, self.clock, latency_timer_ms=self._latency_ms, open_port=self._open_port)
+
     # Opening and closing.
 
     def open(self, user: object) -> None:

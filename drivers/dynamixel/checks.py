@@ -28,12 +28,13 @@ def check_setup(name: str, settings: DynamixelSettings, setup: Setup) -> None:
     Raises:
         HardwareError: it does not; tells what is to be set to what.
     """
-    complaint = _complain_of_mode(settings, setup) or _complain_of_traps(setup) or _complain_of_limits(settings, setup)
+    complaint = complain_of_mode(settings, setup) or complain_of_traps(setup) or complain_of_limits(settings, setup)
     if complaint:
         raise HardwareError(f"{name}: {complaint}")
 
 
-def _complain_of_mode(settings: DynamixelSettings, setup: Setup) -> str:
+def complain_of_mode(settings: DynamixelSettings, setup: Setup) -> str:
+    """Why its id or operating mode is not the bench file's, and what to do about it; empty where it is."""
     if setup.servo_id != settings.id:
         return f"it says that its id is {setup.servo_id}. Give each servo on the bus its own id"
     if setup.operating_mode != MODES[settings.mode]:
@@ -44,7 +45,8 @@ def _complain_of_mode(settings: DynamixelSettings, setup: Setup) -> str:
     return ""
 
 
-def _complain_of_traps(setup: Setup) -> str:
+def complain_of_traps(setup: Setup) -> str:
+    """What is set in it that the driver cannot work with, and what to do about it; empty where nothing is."""
     for bit, meaning in _DRIVE_MODE_BITS.items():
         if setup.drive_mode & bit:
             return f"its drive mode is {setup.drive_mode}, which has {meaning}. {_WIZARD} to 0"
@@ -58,7 +60,8 @@ def _complain_of_traps(setup: Setup) -> str:
     return ""
 
 
-def _complain_of_limits(settings: DynamixelSettings, setup: Setup) -> str:
+def complain_of_limits(settings: DynamixelSettings, setup: Setup) -> str:
+    """Which of its own limits the bench file exceeds, and what to do about it; empty where none."""
     role = settings.role
     ends = sorted(role.ticks_at(role.to_angle_deg(position)) for position in (role.lower, role.upper))
     if settings.mode == "position" and not setup.min_position <= ends[0] <= ends[1] <= setup.max_position:

@@ -37,17 +37,27 @@ def probe(
     """
     found = []
     for baud in bauds:
-        bus = DynamixelBus(port, baud, clock, latency_timer_ms=_PATIENT_MS, open_port=open_port)
-        user = object()
-        bus.open(user)
-        try:
-            for servo_id, (_, firmware) in sorted(bus.broadcast_ping().items()):
-                try:
-                    found.append(FoundServo(baud, servo_id, model_named(bus.ping(servo_id)), firmware))
-                except NoAnswerError:
-                    continue  # an echo or noise that looked like a servo
-        finally:
-            bus.close(user)
+        found += found_on(DynamixelBus(port, baud, clock, latency_timer_ms=_PATIENT_MS, open_port=open_port))
+    return found
+
+
+def found_on(bus: DynamixelBus) -> list[FoundServo]:
+    """All servos that answer a ping to everyone on a bus; it is opened and closed for that.
+
+    Raises:
+        HardwareError: as `probe`.
+    """
+    found = []
+    user = object()
+    bus.open(user)
+    try:
+        for servo_id, (_, firmware) in sorted(bus.broadcast_ping().items()):
+            try:
+                found.append(FoundServo(bus.baud, servo_id, model_named(bus.ping(servo_id)), firmware))
+            except NoAnswerError:
+                continue  # an echo or noise that looked like a servo
+    finally:
+        bus.close(user)
     return found
 
 

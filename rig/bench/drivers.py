@@ -96,7 +96,8 @@ def _device(role: str, driver: str, document: Document) -> tuple[Device | None, 
     group, at = GROUPS[role], ("devices", role)
     known = installed(group)
     if driver not in known:
-        remedy = " ".join(filter(None, (did_you_mean(driver, known), _listed(group, known))))
+        guess = did_you_mean(driver, known) or ""
+        remedy = f"{guess} {_listed(group, known)}" if guess.startswith("Did") else _listed(group, known)
         return None, [document.problem((*at, "driver"), f"there is no driver {driver!r}", remedy)]
     try:
         make = known[driver].load()

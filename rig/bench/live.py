@@ -6,16 +6,23 @@ import math
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from rig.bench.entries import CommonFile, NotNegative, Positive, Real, Strict
 from rig.bench.placement import AffinePlacement
 from rig.guard import Box, Offers, Rules, Tolerance
 from rig.hal import AxisLimits, RigLimits
+from rig.schema_words import ELSEWHERE
 
 Sign = Annotated[Literal[1, -1], Field(description="-1: counts against the rig frame's direction.")]
 Approach = Literal["from_below", "from_above"]
 Zoom = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 SmallAngle = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
+
+
+def _misplaced(at: tuple[str, ...], message: str) -> PydanticCustomError:
+    """What is wrong between two parts of a file, told at one of them."""
+    return PydanticCustomError(ELSEWHERE, "{message}", {"message": message, "at": at})
 
 
 class DeviceEntry(BaseModel):
@@ -219,12 +226,14 @@ class LiveBenchFile(CommonFile):
     def _consistent(self) -> Self:
         for device, axis in (("pan", "theta_deg"), ("zoom", "zoom")):
             if (getattr(self.devices, device) is None) != (getattr(self.axes, axis) is None):
-                raise ValueError(f"give both devices.{device} and axes.{axis}, or neither")
+                at = ("axes", axis) if getattr(self.devices, device) is None else ("devices", device)
+                raise _misplaced(at, f"give both devices.{device} and axes.{axis}, or neither")
         arm_mm = math.hypot(self.mount.x_mm, self.mount.y_mm, self.mount.z_mm)
         if self.safety.keep_out and self.safety.margin_mm < arm_mm:
-            raise ValueError(
-                f"safety.margin_mm ({self.safety.margin_mm:g}) is shorter than the mount's lever arm ({arm_mm:g} mm), "
-                "on which the camera swings about: make it as long as camera and lens reach"
+            raise _misplaced(
+                ("safety", "margin_mm"),
+                f"{self.safety.margin_mm:g} mm is shorter than the mount's lever arm ({arm_mm:g} mm), on which the "
+                "camera swings about: make it as long as camera and lens reach",
             )
         return self
 

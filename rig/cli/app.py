@@ -12,7 +12,18 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rig.cli import benching, importing, jogging, model, recognising, runs, scanning, simulating
+from rig.cli import (
+    benching,
+    checking,
+    emulating,
+    importing,
+    jogging,
+    model,
+    recognising,
+    runs,
+    scanning,
+    simulating,
+)
 from rig.errors import RigError
 
 DONE, FAILED, BAD_INPUT, HARDWARE_FAULT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -80,7 +91,18 @@ def rig(
     """
 
 
-for _module in (recognising, benching, jogging, scanning, simulating, model, runs, importing):
+for _module in (
+    recognising,
+    benching,
+    jogging,
+    scanning,
+    checking,
+    emulating,
+    simulating,
+    model,
+    runs,
+    importing,
+):
     _module.register(app)
 
 

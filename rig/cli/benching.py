@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,10 +47,11 @@ def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json
     See that the way to the switches is free: homing passes no keep-out check.
     """
     with _connected(bench) as (guard, asked):
+        # A controller that has just been switched on is locked, and nothing can be referenced in alarm.
+        guard.home()
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):
             if value is not None:
                 guard.reference(axis, value)
-        guard.home()
         _tell(guard, as_json)
         _end(asked)
 
@@ -91,15 +92,17 @@ def status(
 
     config = load_bench(bench)
     attendance = attendance_of(config)
-    if (told := attendance.ask("status")) is not None:
-        while told is not None:
-            _show(told, as_json)
-            told = attendance.ask("status") if watch and _waited() else None
-        return
-    with _open(config) as guard:
-        _tell(guard, as_json)
-        while watch and _waited():
+    # Ctrl-C is how watching ends, wherever it falls.
+    with suppress(KeyboardInterrupt) if watch else nullcontext():
+        if (told := attendance.ask("status")) is not None:
+            while told is not None:
+                _show(told, as_json)
+                told = attendance.ask("status") if watch and _waited() else None
+            return
+        with _open(config) as guard:
             _tell(guard, as_json)
+            while watch and _waited():
+                _tell(guard, as_json)
 
 
 def stop(
@@ -212,13 +215,9 @@ def _changed(pose: RigPose, told: dict[str, float]) -> RigPose:
 
 
 def _waited() -> bool:
-    """Wait before the next look; False once Ctrl-C was pressed."""
     import time
 
-    try:
-        time.sleep(WATCH_S)
-    except KeyboardInterrupt:
-        return False
+    time.sleep(WATCH_S)
     return True
 
 

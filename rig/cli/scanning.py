@@ -179,6 +179,7 @@ class Session:
         )
 
     def _go(self, targets: list[Target], writer: GridWriter) -> int:
+        from drivers.frame_checks import BadFrameError
         from rig.cli.interrupt import ends_gently
         from rig.cli.progress import shown
         from rig.scan import BackgroundStore, Finish, Scan
@@ -191,6 +192,7 @@ class Session:
                 store,
                 clock=self.clock,
                 sides=plan.sides,
+                bad_frames=(BadFrameError,),
                 retries=plan.retries,
                 pause_s=plan.pause_s,
                 stop=stop,

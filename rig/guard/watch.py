@@ -214,7 +214,8 @@ class Watch:
                     f"{axis}: the servo has let go by itself, and its load may have moved. Look at it, then try again"
                 )
             if told.referenced and told.motion is not Motion.ALARM:
-                if not told.torque:
+                # Also one that holds already: whoever left it so may have sent it somewhere else.
+                if axis not in self._enabled:
                     self._rig.enable(axis)
                 self._enabled.add(axis)
 

@@ -16,13 +16,13 @@ _SAME = 1e-9
 _OUTWARDS = 1e-6
 
 
-def refuse_outside(pose: RigPose, limits: RigLimits, what: str = "") -> None:
-    """Refuse a pose that is not finite or beyond a limit. Nothing is ever clipped.
+def refuse_outside(pose: RigPose, limits: RigLimits, what: str = "", *, axes: Sequence[str] = AXES) -> None:
+    """Refuse a pose that is not finite or beyond a limit on any of the axes. Nothing is ever clipped.
 
     Raises:
         UnreachableError: names axis, value and limit.
     """
-    for axis in AXES:
+    for axis in axes:
         value, limit = getattr(pose, axis), getattr(limits, axis)
         # Written so that a value which is not a number is outside.
         if not (math.isfinite(value) and limit.lower - _SAME <= value <= limit.upper + _SAME):

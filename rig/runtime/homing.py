@@ -26,8 +26,9 @@ class FileHomingMemory:
     def recall(self, gantry: Identity) -> Triple | None:
         """The place, mm, if the record is of this gantry and of this start of the computer. The record is gone then."""
         try:
-            found = json.loads(self._path.read_text())
+            text = self._path.read_text()
             self._path.unlink()
+            found = json.loads(text)
             same = found["gantry"] == _key(gantry) and found["boot"] == self._boot()
             x, y, z = (float(value) for value in found["place_mm"])
         except (OSError, ValueError, KeyError, TypeError):

@@ -146,8 +146,11 @@ def _whole_line(line: socket.socket) -> bytes:
 
 def _clear_stale(path: Path) -> None:
     """Take away the socket of a process that was killed."""
-    if ask_holder(path):
-        raise HardwareError(f"{path.name}: another process holds this bench. Wait until it is done, or stop it")
+    holder = ask(path, "status")
+    if holder is not None:
+        raise HardwareError(
+            f"{holder['bench']}: process {holder['pid']} holds this bench. Wait until it is done, or stop it"
+        )
     path.unlink(missing_ok=True)
 
 
