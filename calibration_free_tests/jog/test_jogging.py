@@ -17,6 +17,7 @@ from rig.imagegrid import read_grid
 from rig.jog.keeping import HandGrid
 from rig.jog.marks import Marks, marks_file
 from rig.jog.places import typed_pose, typed_reference
+from rig.jog.worker import Command, Worker
 
 
 def test_a_step_moves_one_axis_by_the_chosen_size(tmp_path: Path) -> None:
@@ -69,19 +70,23 @@ def test_while_a_step_runs_one_more_may_wait_and_a_third_is_not_taken(tmp_path: 
         assert s.pose.x_mm == pytest.approx(PLACE.x_mm + 2.0)
 
 
-def test_what_waits_behind_a_refused_step_is_dropped(tmp_path: Path) -> None:
-    with session(tmp_path) as s:
-        s.gate.open = False
-        s.jogger.step("y_mm", 1)
-        s.under_way()
-        s.jogger.go_to("x=0")
-        s.made.gantry.raise_alarm(1)
-        s.gate.open = True
-        s.rest()
-        assert s.jogger.waiting == ""
-        assert eventually(lambda: s.state is State.ALARM)
-        assert not any("at x 0.000" in text for _, text in s.told)
-        assert len(s.made.motions) == 1
+@pytest.mark.parametrize("good", [True, False])
+def test_what_waits_is_done_only_if_what_runs_before_it_was(good: bool) -> None:
+    begun, on = threading.Event(), threading.Event()
+    done: list[str] = []
+
+    def first() -> bool:
+        begun.set()
+        return on.wait(5.0) and good
+
+    worker = Worker(lambda: None, 1.0)
+    worker.submit(Command("first", first))
+    assert begun.wait(5.0)
+    worker.submit(Command("second", lambda: bool(done.append("second") or True)))
+    on.set()
+    assert worker.rest(5.0)
+    worker.close(5.0)
+    assert done == (["second"] if good else [])
 
 
 def test_stop_ends_a_move_under_way_and_latches(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
@@ -185,6 +187,16 @@ def test_ctrl_c_once_holds_and_twice_stops(tmp_path: Path) -> None:
     play(tmp_path, script)
 
 
+def test_a_ctrl_c_from_elsewhere_holds_too(tmp_path: Path) -> None:
+    async def script(s: Session, app: JogApp, pilot: Pilot[None]) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        await pilot.pause()
+        assert eventually(lambda: s.state is State.HELD)
+        assert app.is_running
+
+    play(tmp_path, script)
+
+
 def test_go_to_asks_for_a_pose(tmp_path: Path) -> None:
     async def script(s: Session, app: JogApp, pilot: Pilot[None]) -> None:
         await typed(s, app, pilot, "g", *"x=-20,z=70", "enter")
@@ -284,4 +296,5 @@ def test_the_newest_messages_are_those_shown_whole() -> None:
 def test_a_stale_status_is_shown_as_such(tmp_path: Path) -> None:
     with session(tmp_path) as s:
         status = replace(s.jogger.glance(), stale=True, age_s=7.0)
-        assert "7.0 s old" in draw.troubles(status).plain
+        assert "7.0 s old" in draw.troubles(status, "").plain
+        assert draw.troubles(status, "x +1 mm").plain == ""

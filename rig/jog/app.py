@@ -58,18 +58,18 @@ class JogApp(App[None]):
         Binding("ctrl+c", "interrupt", priority=True),
         *(Binding(keys, f"step('{axis}', {way})") for keys, axis, way in _STEPS),
         *(Binding(str(n), f"choose_step('{unit}', {size})") for n, (unit, size) in enumerate(_SIZES, 1)),
-        Binding("g", "go_to"),
-        Binding("c", "capture"),
-        Binding("m", "set_mark"),
-        Binding("l", "marks"),
-        Binding("h", "home"),
-        Binding("f", "reference"),
-        Binding("u", "unlock"),
-        Binding("n", "connect"),
+        Binding("g,G", "go_to"),
+        Binding("c,C", "capture"),
+        Binding("m,M", "set_mark"),
+        Binding("l,L", "marks"),
+        Binding("h,H", "home"),
+        Binding("f,F", "reference"),
+        Binding("u,U", "unlock"),
+        Binding("n,N", "connect"),
         Binding("r", "resume"),
         Binding("R", "release"),
-        Binding("p", "preview"),
-        Binding("q", "quit"),
+        Binding("p,P", "preview"),
+        Binding("q,Q", "quit"),
     ]
 
     def __init__(
@@ -112,7 +112,7 @@ class JogApp(App[None]):
         look, steps = self._looker.look, jogger.steps
         self._put("top", lambda size: draw.top(self._bench, status, jogger.running, jogger.waiting))
         self._put("axes", lambda size: draw.axes(status, jogger.limits, steps, *size))
-        self._put("troubles", lambda size: draw.troubles(status))
+        self._put("troubles", lambda size: draw.troubles(status, jogger.running))
         self._put("messages", lambda size: draw.messages(jogger.messages, *size))
         self._put("keys", lambda size: draw.keys(steps, bool(self._preview)))
         kept = f"pictures {jogger.pictures}  marks {len(jogger.marks)}"

@@ -45,8 +45,7 @@ def top(bench: str, status: GuardStatus, running: str, waiting: str) -> Text:
     """One line: the bench, the state, what is being done and what waits."""
     text = Text(f" {plain(bench)} ", style="bold", no_wrap=True, overflow="ellipsis")
     text.append(f" {status.state.value.upper()} ", STATE_STYLES[status.state])
-    doing = running or status.running
-    said = f" {doing}" if doing else f" {HINTS.get(status.state, '')}"
+    said = f" {running or HINTS.get(status.state, '')}"
     return text.append(plain(said) + (f", then {plain(waiting)}" if waiting else ""))
 
 
@@ -94,10 +93,10 @@ def bar(limit: AxisLimits, value: float | None, step: float, width: int) -> Text
     return text.append(high, _DIM)
 
 
-def troubles(status: GuardStatus) -> Text:
-    """What is wrong; empty where nothing is."""
+def troubles(status: GuardStatus, running: str) -> Text:
+    """What is wrong; empty where nothing is. While something runs only the devices that move are read."""
     lines = [Text(f"! {plain(trouble)}", style="bold red") for trouble in status.troubles]
-    if status.stale and status.rig is not None:
+    if status.stale and status.rig is not None and not running:
         lines.append(Text(f"! the status is {status.age_s:.1f} s old", style="bold red"))
     return Text("\n").join(lines)
 
