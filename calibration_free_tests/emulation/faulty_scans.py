@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from calibration_free_tests.emulation.sample import config, small, striped
 from drivers.frame_checks import BadFrameError
+from rig.bench import BenchConfig
 from rig.emulation import EmulatedBench
 from rig.errors import RigError
 from rig.guard import State
@@ -113,7 +114,7 @@ class Person:
         camera = _camera_faults(rng, float(times[-1]), 40.0 * every_s)
         self.last_s = float(times[-1])
         self.bench = EmulatedBench(
-            small(config()),
+            unhurried(small(config())),
             striped,
             clock=SimulatedClock(),
             scripts=scripts,
@@ -181,7 +182,7 @@ class Person:
         steps: dict[State, Callable[[], object]] = {
             State.STOPPED: guard.release,
             State.HELD: guard.resume,
-            State.DISCONNECTED: guard.connect,
+            State.DISCONNECTED: self._connect,
             State.ALARM: self._leave_alarm,
             State.UNHOMED: self._find_place,
         }
@@ -189,6 +190,14 @@ class Person:
             return True
         steps[guard.state]()
         return guard.state is State.IDLE
+
+    def _connect(self) -> None:
+        try:
+            self.guard.connect()
+        except RigError:
+            # As the error says: a controller that has met a limit answers nothing before it is reset, as by a STOP.
+            self.guard.stop()
+            raise
 
     def _leave_alarm(self) -> None:
         try:
@@ -226,6 +235,15 @@ class Person:
         finally:
             self.tally.longest_command_s = max(self.tally.longest_command_s, self._now_s - began_s)
             assert self._now_s - began_s <= COMMAND_S
+
+
+def unhurried(of: BenchConfig) -> BenchConfig:
+    """The bench with servos that are asked less often while they move: many hours are simulated."""
+    asked = {
+        role: replace(of.devices[role], settings=of.devices[role].settings.model_copy(update={"poll_s": 0.1}))
+        for role in ("pan", "zoom")
+    }
+    return replace(of, devices={**of.devices, **asked})
 
 
 def _camera_faults(rng: np.random.Generator, until_s: float, every_s: float) -> list[CameraFault]:
