@@ -189,6 +189,19 @@ def test_pictures_by_hand_are_kept_in_one_image_grid_with_their_poses(
     assert [frame.pose.x_mm for frame in read_grid(folder).frames] == [3.0, 4.0]
 
 
+def test_a_scan_homes_first_where_it_is_told_to_and_refuses_to_begin_unhomed(
+    person: Person, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = person.folder / "plan.yaml"
+    plan.write_text("schema: 1\nlattice: {x_mm: [10, 20], y_mm: [5], z_mm: [5], theta_deg: [0], zoom: [0]}\n")
+    scan = ("scan", plan, "--bench", person.bench)
+    assert run(*scan, "--out", person.folder / "unhomed") == 1
+    assert "Home it first" in capsys.readouterr().err
+    assert not (person.folder / "unhomed").exists()
+    assert run(*scan, "--home", "--out", person.folder / "homed") == 0
+    assert [frame.pose.x_mm for frame in read_grid(person.folder / "homed").frames] == [10.0, 20.0]
+
+
 # STOP.
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.help import example
+from rig.cli.homing import HomeFirst
 
 if TYPE_CHECKING:
     from rig.bench import BenchConfig
@@ -22,7 +23,6 @@ WATCH_S = 0.5
 
 Bench = Annotated[Path, typer.Argument(metavar="BENCH", help="The bench file of a live bench.", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-Home = Annotated[bool, typer.Option("--home", help="Home it first.")]
 X = Annotated[float | None, typer.Option("--x-mm", help="Rig frame. [default: stay]", show_default=False)]
 Y = Annotated[float | None, typer.Option("--y-mm", help="Rig frame. [default: stay]", show_default=False)]
 Z = Annotated[float | None, typer.Option("--z-mm", help="Rig frame. [default: stay]", show_default=False)]
@@ -64,7 +64,7 @@ def move(
     theta_deg: Theta = None,
     zoom: Zoom = None,
     by: Annotated[bool, typer.Option("--by", help="Move by these amounts instead of to these places.")] = False,
-    home_first: Home = False,
+    home_first: HomeFirst = False,
     as_json: Json = False,
 ) -> None:
     """Move to a pose of the rig frame, or by a step. Axes that are not named stay where they are."""
@@ -148,7 +148,7 @@ def capture(
     z_mm: Z = None,
     theta_deg: Theta = None,
     zoom: Zoom = None,
-    home_first: Home = False,
+    home_first: HomeFirst = False,
     as_json: Json = False,
 ) -> None:
     """Take a picture, at a pose or where the rig stands, and keep it in an image grid with its pose."""

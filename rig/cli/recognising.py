@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.help import example
+from rig.cli.homing import HomeFirst, home_first
 
 if TYPE_CHECKING:
     from recognition.modelbase import ModelBase
@@ -150,7 +151,7 @@ def recognise(
     allow_partial: Annotated[
         bool, typer.Option("--allow-partial", help="Go on where the image grid lacks pictures.")
     ] = False,
-    home: Annotated[bool, typer.Option("--home", help="Home a live bench first.")] = False,
+    home: HomeFirst = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -191,23 +192,12 @@ def recognise(
     rng = np.random.default_rng([seed, 5])
     with open_rig(config, grid, allow_partial=allow_partial, rng=rng, notice=notice) as rig:
         if home:
-            _home(rig)
+            home_first(rig)
         if start is not None:
             _move_to_start(start, rig)
         settings = on_bench(settings, config)
         code, _ = _run(rig, base, settings, out, as_json, bench=config.name, label=base.name)
     raise typer.Exit(code)
-
-
-def _home(rig: ImageGridRig | Guard) -> None:
-    from rig.cli.interrupt import ends_gently
-    from rig.errors import InputError
-    from rig.guard import Guard
-
-    if not isinstance(rig, Guard):
-        raise InputError("a mock bench needs no homing", where="--home", remedy="Leave it out")
-    with ends_gently(rig):
-        rig.home()
 
 
 def _move_to_start(text: str, rig: ImageGridRig | Guard) -> None:

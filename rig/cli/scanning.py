@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 import typer
 
 from rig.cli.help import example
+from rig.cli.homing import HomeFirst, home_first
 from rig.clock import SystemClock
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ DONE, INTERRUPTED = 0, 130
 def register(app: typer.Typer) -> None:
     """Add the command."""
     epilog = example(
-        "rig scan examples/scan.yaml --bench bench.yaml --out grids/model",
+        "rig scan examples/scan.yaml --bench bench.yaml --home --out grids/model",
         "rig scan examples/scan.yaml --bench bench.yaml --out grids/model --resume",
     )
     app.command(epilog=epilog)(scan)
@@ -48,6 +49,7 @@ def scan(
         Path | None,
         typer.Option("--out", metavar="DIR", help="The new image grid's folder. [default: a new one under grids/]"),
     ] = None,
+    home: HomeFirst = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print what was done as one JSON object.")] = False,
 ) -> None:
     """Take a picture from every pose of a plan, into an image grid that a mock bench can serve.
@@ -68,6 +70,9 @@ def scan(
     folder = out or Path("grids") / f"{datetime.now():%Y%m%d-%H%M%S}_{plan_file.stem}"
     with open_rig(config, grid) as rig:
         session = Session(rig, config, grid, plan, folder, resume, sys.stderr if as_json else sys.stdout)
+        if home:
+            session.preflight()
+            home_first(rig)
         try:
             code = session.run()
         finally:
@@ -106,7 +111,7 @@ class Session:
         from rig.cli.progress import shown
         from rig.scan import ScanRecord, numbered, open_scan_folder
 
-        self._preflight()
+        self.preflight()
         targets = list(numbered(self.plan.poses, self.plan.suffix))
         if not self.resume:
             # Before the folder is made: a scan that does not fit should leave nothing behind.
@@ -140,7 +145,12 @@ class Session:
             "estimate": None if self.expected is None else asdict(self.expected),
         }
 
-    def _preflight(self) -> None:
+    def preflight(self) -> None:
+        """Check all poses.
+
+        Raises:
+            InputError: one cannot be gone to.
+        """
         from rig.errors import InputError, UnreachableError
         from rig.scan import all_legs, preflight
 
