@@ -252,5 +252,5 @@ def test_ctrl_c_twice_is_stop(tmp_path: Path, plan: Path) -> None:
         out, error = process.communicate(timeout=60)
     assert process.returncode == 130
     assert json.loads(out)["outcome"] == "interrupted"
-    assert "STOP\n" in error.splitlines(keepends=True)
+    assert "STOP\n" in error
     assert len(read_grid(tmp_path / "scan").frames) == 3
