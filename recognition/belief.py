@@ -225,10 +225,17 @@ def _distance(hypotheses: Hypotheses, seen: Seen) -> FloatArray:
 
 
 def weigh(world: World, hypotheses: Hypotheses) -> Belief:
-    """Normalise the weights: a uniform prior over places, against the prior of "none of these"."""
+    """Normalise the weights: a uniform prior over places, against the prior of "none of these".
+
+    A hypothesis whose matches have all been taken back explains nothing; there may be more of these than places, and
+    what they hold belongs to "none of these".
+    """
     places = len(world.layout.part_ids)
     log_place = np.log1p(-NONE_PRIOR) - np.log(places)
-    log_weight = np.append(hypotheses.log_weight + log_place, np.log(NONE_PRIOR))
+    matched = np.zeros(len(hypotheses), dtype=bool)
+    for found in hypotheses.matches:
+        matched |= (found.part >= 0).any(axis=1)
+    log_weight = np.append(np.where(matched, hypotheses.log_weight + log_place, -np.inf), np.log(NONE_PRIOR))
     log_weight -= log_weight.max()
     p = np.exp(log_weight)
     p /= p.sum()

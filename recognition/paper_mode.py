@@ -19,7 +19,7 @@ from recognition.policies import Policy, load_policy
 from recognition.seen import Seen
 from recognition.settings import RecogniserSettings
 from recognition.steps import Answer, BeliefSummary, Move, Outcome, Step, StepSeconds
-from recognition.summary import Verdict, answer, summarise, wanted_of_pose
+from recognition.summary import Verdict, answer, summarise, views_taken, wanted_of_pose
 from recognition.tracking import World, make_world
 from rig.hal import Frame, Rig
 
@@ -124,9 +124,9 @@ class _State:
     def give_up(self) -> Verdict:
         """What to say when no view is left to take."""
         if self.left is None or self.left.count == 0:
-            return Verdict(Outcome.NOT_FOUND, f"none of {len(self.views)} views shows a part to begin with")
+            return Verdict(Outcome.NOT_FOUND, f"{views_taken(len(self.views))}, and none shows a part to begin with")
         ended = (
-            f"{len(self.views)} views were taken, which is the most"
+            f"{views_taken(len(self.views))}, which is the most"
             if self.journey.at_its_end
             else "no view is left that shows an expected part"
         )

@@ -18,7 +18,7 @@ from recognition.second_look import look_again
 from recognition.seen import Seen
 from recognition.settings import RecogniserSettings
 from recognition.steps import Answer, Move, Outcome, Step, StepSeconds
-from recognition.summary import Verdict, answer, judge, leading_group, summarise
+from recognition.summary import Verdict, answer, judge, leading_group, summarise, views_taken
 from recognition.tracking import World, make_world
 from rig.hal import Frame, Rig
 
@@ -140,7 +140,7 @@ class _State:
         """What to say when no view is left that can tell more; ``settled``: of a place that is, but for its pose."""
         if settled is not None:
             return settled.without(
-                f"{len(self.views)} views were taken, which is the most"
+                f"{views_taken(len(self.views))}, which is the most"
                 if self.journey.at_its_end
                 else "no reachable view makes it surer"
             )

@@ -118,14 +118,16 @@ class Answer:
     Attributes:
         outcome: how it ended.
         object_id: the object, if recognised.
-        candidates: what is left when it is not recognised: "object at place" descriptions, most probable first.
+        candidates: what is left when it is not recognised: "object at place" descriptions, most probable first, 20 at
+            most.
         posterior: object id to probability, ``"unknown"`` included.
-        pose: the camera in the object frame at the last view (of the leading hypothesis); ``None`` if there is none.
+        pose: the camera in the object frame at the last view, if recognised; else ``None``.
         pose_sd: standard deviations by the keys theta_deg, x_mm, y_mm, z_mm.
         unobservable: names of directions that the views do not determine.
         why: one sentence: why the run ended so.
         travel_mm: path length of the gantry; rotation_deg: summed pan.
         pose_sure: whether the pose is as sure as asked, if recognised; else ``None``.
+        left: places that together hold 99.9 % of the probability of all objects; ``candidates`` names the first.
     """
 
     outcome: Outcome
@@ -139,3 +141,4 @@ class Answer:
     travel_mm: float
     rotation_deg: float
     pose_sure: bool | None = None
+    left: int = 0

@@ -22,6 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 LEADERS = 5
+MOST_CANDIDATES = 20
+"""Named in an answer; how many are left it tells by number."""
 LEAST_PARTS = 5
 """Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
 _UNSURE_SHARE = 0.05
@@ -153,7 +155,7 @@ def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserS
         many = belief.probability.sum() > 0.5
         return Verdict(
             Outcome.AMBIGUOUS if many else Outcome.NOT_FOUND,
-            f"{len(views)} views were taken, and no configuration reached {settings.threshold:g}",
+            f"{views_taken(len(views))}, and no configuration reached {settings.threshold:g}",
         )
     return None
 
@@ -185,17 +187,31 @@ def summarise(world: World, belief: Belief, views: list[Seen], frame: Frame) -> 
     posterior = {thing.id: float(p) for thing, p in zip(objects, belief.by_object(len(objects)), strict=True)}
     posterior["unknown"] = belief.none
     place = places(world, belief, views)
-    key = belief.hypotheses.object_of * 1_000_000 + place
-    _, group = np.unique(key, return_inverse=True)
-    mass = np.bincount(group, weights=belief.probability) if len(key) else np.empty(0)
-    total = mass.sum()
-    left = int(np.searchsorted(np.cumsum(np.sort(mass)[::-1]), 0.999 * total) + 1) if total > 0 else 0
+    mass = _mass_by_place(belief, place)
     p = np.append(mass, belief.none)
     p = p[p > 1e-300]
     leaders = tuple(
         _leader(world, belief, views, row, int(place[row])) for row in range(min(LEADERS, len(belief.hypotheses)))
     )
-    return BeliefSummary(posterior, min(left, len(mass)), max(0.0, float(-(p * np.log2(p)).sum())), leaders)
+    return BeliefSummary(posterior, _left(mass), max(0.0, float(-(p * np.log2(p)).sum())), leaders)
+
+
+def views_taken(count: int) -> str:
+    """How many views were taken, in words."""
+    return "1 view was taken" if count == 1 else f"{count} views were taken"
+
+
+def _mass_by_place(belief: Belief, place: IntArray) -> FloatArray:
+    """Probability of each place that some hypothesis names, largest first."""
+    _, group = np.unique(belief.hypotheses.object_of * 1_000_000 + place, return_inverse=True)
+    mass = np.bincount(group, weights=belief.probability) if len(place) else np.empty(0)
+    return np.asarray(np.sort(mass)[::-1])
+
+
+def _left(mass: FloatArray) -> int:
+    """How many places together hold 99.9 % of the probability of all."""
+    total = mass.sum()
+    return min(int(np.searchsorted(np.cumsum(mass), 0.999 * total) + 1), len(mass)) if total > 0 else 0
 
 
 def _leader(world: World, belief: Belief, views: list[Seen], row: int, place: int) -> HypothesisSummary:
@@ -238,22 +254,22 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
     travel = sum(float(np.linalg.norm([b.x_mm - a.x_mm, b.y_mm - a.y_mm, b.z_mm - a.z_mm])) for a, b in pairwise(path))
     turned = sum(abs(wrap_deg(b.theta_deg - a.theta_deg)) for a, b in pairwise(path))
     recognised = verdict.outcome is Outcome.RECOGNISED
+    open_question = verdict.outcome not in (Outcome.RECOGNISED, Outcome.UNKNOWN)
+    left = _left(_mass_by_place(belief, places(world, belief, views)))
     pose: CameraPose | None = None
     sd: dict[str, float] = {}
     unobservable: tuple[str, ...] = ()
-    candidates: tuple[str, ...] = ()
-    if len(belief.hypotheses):
+    if recognised:
         group = leading_group(world, belief, views)
         pose = pose_of(belief.hypotheses.placement[0], views[-1])
         sd = pose_sd(belief, views, group, world.bounds)
         limit = _UNSURE_SHARE * _distance_to_parts(world, belief, views)
         names = {"theta_deg": np.degrees(_UNSURE_SHARE), "x_mm": limit, "y_mm": limit, "z_mm": limit}
         unobservable = tuple(name for name, most in names.items() if sd[name] > most)
-        candidates = _candidates(world, belief, views)
     return Answer(
         outcome=verdict.outcome,
         object_id=objects[int(belief.hypotheses.object_of[0])].id if recognised else None,
-        candidates=() if recognised else candidates,
+        candidates=_candidates(world, belief, views, min(left, MOST_CANDIDATES)) if open_question else (),
         posterior=posterior,
         pose=pose,
         pose_sd=sd,
@@ -262,10 +278,11 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
         travel_mm=travel,
         rotation_deg=turned,
         pose_sure=not verdict.wanted if recognised else None,
+        left=left,
     )
 
 
-def _candidates(world: World, belief: Belief, views: list[Seen], most: int = 20) -> tuple[str, ...]:
+def _candidates(world: World, belief: Belief, views: list[Seen], most: int) -> tuple[str, ...]:
     place = places(world, belief, views)
     seen: dict[str, float] = {}
     for row in range(min(len(place), 400)):
@@ -273,4 +290,4 @@ def _candidates(world: World, belief: Belief, views: list[Seen], most: int = 20)
         key = f"{world.layout.base.objects[int(belief.hypotheses.object_of[row])].id} at {name}"
         seen[key] = seen.get(key, 0.0) + float(belief.probability[row])
     ranked = sorted(seen.items(), key=lambda item: -item[1])
-    return tuple(key for key, p in ranked[:most] if p >= 0.005)
+    return tuple(key for key, p in ranked[:most] if p > 0.0)

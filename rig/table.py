@@ -74,7 +74,8 @@ def summary(answer: Answer) -> str:
     lines.append(plain(answer.why))
     if answer.object_id is None and answer.candidates:
         listed = ", ".join(plain(name) for name in answer.candidates[:5])
-        more = f" and {len(answer.candidates) - 5} more" if len(answer.candidates) > 5 else ""
+        others = max(answer.left, len(answer.candidates)) - min(len(answer.candidates), 5)
+        more = f" and {others} more" if others > 0 else ""
         lines.append(f"left: {listed}{more}")
     if answer.pose is not None:
         units = {"x_mm": "mm", "y_mm": "mm", "z_mm": "mm", "theta_deg": "°"}

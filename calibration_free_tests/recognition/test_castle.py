@@ -43,7 +43,7 @@ def true_camera(castle: Path, rig_pose: dict[str, float]) -> dict[str, float]:
 
 
 @pytest.mark.realdata
-@pytest.mark.parametrize("start", ["p02_w_m0750", "p08_w_m0150", "p20_w_p1425"])
+@pytest.mark.parametrize("start", ["p02_w_m0750", "p01_t_m0975", "p11_t_p0150"])
 def test_a_castle_is_told_from_its_look_alikes_and_the_camera_placed(
     real_data: Path, start: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

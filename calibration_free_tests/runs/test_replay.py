@@ -68,6 +68,15 @@ def test_cut_off_line_is_named_after_the_whole_views(folder: Path, line: int) ->
     assert len(seen) == whole_views
 
 
+@pytest.mark.parametrize("line", range(2, 17))
+def test_a_run_killed_while_it_wrote_is_read_on_request_up_to_the_half_line(folder: Path, line: int) -> None:
+    lines = (folder / "events.jsonl").read_text().splitlines(keepends=True)
+    (folder / "events.jsonl").write_text("".join(lines[: line - 1]) + lines[line - 1][:-20])
+    seen: list[Step] = []
+    assert watch(replay(folder, allow_partial=True), seen.append).outcome is Outcome.ABORTED
+    assert len(seen) == sum(json.loads(text)["kind"] == "belief" for text in lines[: line - 1])
+
+
 @pytest.mark.parametrize("lines", range(1, 17))
 def test_run_without_an_end_is_read_on_request_only(folder: Path, lines: int) -> None:
     text = (folder / "events.jsonl").read_text().splitlines(keepends=True)[:lines]

@@ -41,7 +41,7 @@ class InformationPolicy:
         gain = place + share * pose
         rate = gain / (situation.cost_s + _view_cost_s(situation))
         pick = int(rate.argmax())
-        if gain[pick] <= 0.0:
+        if gain[pick] <= (0.0 if situation.sure else LEAST_BITS):
             return _explore(situation)
         return Move(
             situation.candidates[pick],
@@ -57,13 +57,13 @@ def _view_cost_s(situation: Situation) -> float:
 
 
 def _explore(situation: Situation) -> Move:
-    """No hypothesis expects to see anything anywhere: look at what is farthest from all that was seen, wide first."""
+    """No view is expected to tell anything: look at what is farthest from all that was seen, wide first."""
     far = np.array([min(_apart(pose, old) for old in situation.visited) for pose in situation.candidates])
     wide = np.array([pose.zoom for pose in situation.candidates])
     pick = int((far / (1.0 + 4.0 * wide) / (situation.cost_s + _view_cost_s(situation))).argmax())
     return Move(
         situation.candidates[pick],
-        "no hypothesis predicts a part anywhere, so a part of the scene not seen yet is tried",
+        "no view is expected to tell anything, so a part of the scene not seen yet is tried",
         cost_s=float(situation.cost_s[pick]),
     )
 
@@ -83,6 +83,6 @@ def _why(situation: Situation, prediction: Prediction, pick: int, place: FloatAr
     lead = names[int(situation.belief.hypotheses.object_of[prediction.rows[0]])].id if len(prediction.rows) else "?"
     spread = f"{expected.min():.0f} to {expected.max():.0f}" if len(expected) else "no"
     return (
-        f"tells {place[pick]:.2f} of {situation.belief.entropy_bits:.2f} bits for {seconds:.1f} s: "
+        f"tells {place[pick]:.2f} bits for {seconds:.1f} s: "
         f"the hypotheses expect {spread} parts there, {lead} {expected[0] if len(expected) else 0:.0f}"
     )

@@ -90,6 +90,7 @@ def finish_event(answer: Answer) -> Event:
         "outcome": answer.outcome.value,
         "object": answer.object_id,
         "candidates": list(answer.candidates),
+        "left": answer.left,
         "posterior": dict(answer.posterior),
         "pose": None if answer.pose is None else asdict(answer.pose),
         "pose_sd": dict(answer.pose_sd),
@@ -146,8 +147,9 @@ def answer_of(event: Event) -> Answer:
         why=str(event["why"]),
         travel_mm=float(event["travel_mm"]),
         rotation_deg=float(event["rotation_deg"]),
-        # A run kept before this was noted does not say.
+        # Runs kept before these were noted do not say.
         pose_sure=None if event.get("pose_sure") is None else bool(event["pose_sure"]),
+        left=int(event.get("left", 0)),
     )
 
 

@@ -48,9 +48,10 @@ def replay(folder: Path, allow_partial: bool = False) -> Steps:
 
     Raises:
         InputError: naming file and line: not a run folder, a damaged line, a missing end. The steps before the damage
-            have been yielded by then. With ``allow_partial`` a missing end is no error; the answer is ``aborted``.
+            have been yielded by then. With ``allow_partial`` a missing end or half a last line is no error; the
+            answer is ``aborted``.
     """
-    journal = _Journal(folder)
+    journal = _Journal(folder, allow_torn=allow_partial)
     seen: list[Step] = []
     for step in journal.steps():
         seen.append(step)
@@ -70,7 +71,7 @@ def read_run(folder: Path, allow_partial: bool = False) -> RunRecord:
     Raises:
         InputError: as ``replay``, and for a missing or changed picture.
     """
-    journal = _Journal(folder, images=True)
+    journal = _Journal(folder, images=True, allow_torn=allow_partial)
     steps = tuple(journal.steps())
     answer = journal.answer
     if answer is None:
@@ -85,8 +86,8 @@ def read_run(folder: Path, allow_partial: bool = False) -> RunRecord:
 class _Journal:
     """Walks ``events.jsonl``: knows the order that events must have, and the line it is at."""
 
-    def __init__(self, folder: Path, images: bool = False) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, images: bool = False, allow_torn: bool = False) -> None:
+        self._folder, self._allow_torn = folder, allow_torn
         self._path = folder / "events.jsonl"
         self._images = images
         self._line = 0
@@ -132,6 +133,9 @@ class _Journal:
         try:
             with self._path.open(encoding="utf-8") as lines:
                 for self._line, line in enumerate(lines, 1):
+                    # A run that is killed while it writes leaves half a line: the record ends before it.
+                    if self._allow_torn and not line.endswith("\n"):
+                        return
                     yield self._parse(line)
         except (FileNotFoundError, NotADirectoryError) as error:
             raise InputError(
