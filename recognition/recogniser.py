@@ -13,6 +13,7 @@ from recognition.belief import Belief, rivals, thin, update, weigh
 from recognition.detectors import load_detector
 from recognition.geometry import camera_in_rig, wrap_deg
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
+from recognition.levelling import levelled
 from recognition.modelbase import ModelBase
 from recognition.parts import DetectedPart, Detector
 from recognition.policies import Policy, Situation, load_policy
@@ -54,7 +55,7 @@ def recognise(
     state = _State.begin(rig, make_world(model_base, settings.bounds, settings.rates), settings)
     policy = load_policy(settings.policy)
     while True:
-        frame = rig.capture()
+        frame = levelled(rig.capture(), settings.mount)
         t0 = time.perf_counter()
         parts = tuple(finder.detect(frame.image))
         t1 = time.perf_counter()

@@ -27,6 +27,8 @@ NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Angle = Annotated[float, Field(gt=0, lt=180, allow_inf_nan=False)]
+Skew = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
+Tilt = Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
 
 LINEAR_AXES = ("x_mm", "y_mm", "z_mm")
 _SLOWEST_MM_PER_S, _CROSSING_S = 100.0, 20.0
@@ -55,6 +57,10 @@ class LinearAxis(_Axis):
     """One axis of the gantry, mm."""
 
     speed_mm_per_s: Positive | None = None
+    scale: Annotated[
+        float,
+        Field(gt=0.5, lt=2, allow_inf_nan=False, description="True millimetres per millimetre that the axis tells."),
+    ] = 1.0
 
 
 class PanAxis(_Axis):
@@ -71,6 +77,14 @@ class ZoomAxis(_Axis):
     speed_per_s: Positive | None = None
 
 
+class Squareness(_Strict):
+    """By how much the angles between the linear axes fall short of 90 degrees."""
+
+    xy: Skew = 0.0
+    xz: Skew = 0.0
+    yz: Skew = 0.0
+
+
 class Axes(_Strict):
     """All axes of the bench."""
 
@@ -79,14 +93,18 @@ class Axes(_Strict):
     z_mm: LinearAxis = LinearAxis()
     theta_deg: PanAxis = PanAxis()
     zoom: ZoomAxis = ZoomAxis()
+    squareness_deg: Squareness = Squareness()
 
 
 class MountEntry(_Strict):
-    """Lever arm: the camera's centre from the rotation axis, in the frame that turns with the pan, mm."""
+    """How the camera hangs (`recognition.geometry.Mount`): lever arm, mm, pan at the rotary's zero, small tilts."""
 
     x_mm: Real = 0.0
     y_mm: Real = 0.0
     z_mm: Real = 0.0
+    pan_zero_deg: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] = 0.0
+    roll_deg: Tilt = 0.0
+    pitch_deg: Tilt = 0.0
 
 
 def _rising(value: tuple[float, float] | None) -> None:
@@ -191,9 +209,17 @@ class BenchConfig:
 
     @property
     def mount(self) -> Mount:
-        """How the camera hangs on the rig."""
-        arm = self.file.mount
-        return Mount(arm.x_mm, arm.y_mm, arm.z_mm)
+        """How the camera hangs on the rig, and how straight the rig's axes are."""
+        axes, square = self.file.axes, self.file.axes.squareness_deg
+        return Mount(
+            **self.file.mount.model_dump(),
+            x_scale=axes.x_mm.scale,
+            y_scale=axes.y_mm.scale,
+            z_scale=axes.z_mm.scale,
+            xy_deg=square.xy,
+            xz_deg=square.xz,
+            yz_deg=square.yz,
+        )
 
     @property
     def rates(self) -> DetectionRates:
