@@ -8,8 +8,10 @@ PYTHON ?= $(shell for p in python3.14 python3.13 python3.12 python3.11 python3 p
 	"$$p" -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p" && break; done)
 # Two cores are enough to keep busy; pytest-xdist spreads the files over them.
 PYTEST := $(VENV)/bin/python -m pytest -n 2 --dist loadfile
+# Of one long test.
+SOAK_TIMEOUT_S ?= 7200
 
-.PHONY: demo test lint set-up clean
+.PHONY: demo test soak lint set-up clean
 .DEFAULT_GOAL := demo
 
 demo: $(STAMP)
@@ -17,6 +19,10 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(PYTEST) -m "not soak" $(ARGS)
+
+# The long tests, one at a time. pytest ends with 5 where none is selected: that is no failure.
+soak: $(STAMP)
+	$(VENV)/bin/python -m pytest -m soak --timeout $(SOAK_TIMEOUT_S) $(ARGS) || { code=$$?; test $$code -eq 5 && echo "no soak tests selected"; }
 
 lint: $(STAMP)
 	$(VENV)/bin/ruff check .

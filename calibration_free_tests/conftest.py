@@ -14,5 +14,6 @@ def real_data() -> Path:
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
     folder = Path(os.environ.get("RIG_REAL_DATA", default))
     if not (folder / "castle" / "frames.jsonl").is_file():
+        # A bare clone has no photographs; ``.ci/run`` says so loudly, too.
         pytest.skip(f"real data not found at {folder}: set RIG_REAL_DATA to the folder that holds castle/")
     return folder

@@ -67,6 +67,7 @@ def scripted_steps(
         why=END,
         travel_mm=830.0,
         rotation_deg=68.0,
+        pose_sure=True,
     )
 
 

@@ -87,9 +87,9 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
             carried = look_in(world, carried, views, last, modes=effort.modes)
         carried = _refine_ahead(world, carried, views, effort.refined)
         carried = thin(carried, views[last], effort.tracked)
+        # Settled, a view that one did not know may be found at the wrong place; so each also stays as it was.
         ahead = np.arange(min(effort.fresh // 2, len(carried)))
-        rest = np.arange(len(ahead), len(carried))
-        carried = join(settle(world, carried.take(ahead), views), carried.take(rest))
+        carried = join(settle(world, carried.take(ahead), views), carried)
     if views[last].count == 0:
         return _repair(world, carried, views) if carried is not None else Hypotheses.empty(views)
     fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
@@ -175,7 +175,8 @@ def rivals(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) ->
         moved = match_view(world, moved, views, k, loose=0.15)
     found = sum((m.part >= 0).sum(axis=1) for m in moved.matches)
     ahead = np.argsort(-found, kind="stable")[:_RIVALS]
-    return settle(world, rescore(world, moved.take(ahead), views, ()), views)
+    moved = rescore(world, moved.take(ahead), views, range(len(views)))
+    return join(settle(world, moved, views), moved)
 
 
 def _central_part(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) -> int | None:

@@ -5,16 +5,19 @@ Shape legend: K camera poses, H hypotheses, n expected parts (of all camera pose
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from recognition.geometry import rotation_y
+from recognition.geometry import Mount, camera_in_rig, rotation_y
 from recognition.hypotheses import Hypotheses
 from recognition.layout import Layout
-from recognition.tracking import World
-from recognition.visibility import bounding_box, parts_in_view
+from recognition.seen import Seen
+from recognition.tracking import World, guess_internals
+from recognition.visibility import Pairs, bounding_box, parts_in_view
+from rig.hal import RigPose
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -45,15 +48,30 @@ class Expected:
     first: IntArray
 
 
-def expect(
-    world: World, hypotheses: Hypotheses, cameras: FloatArray, internals: FloatArray, image_size: tuple[int, int]
-) -> Expected:
-    """Parts wholly in view of cameras ``(K, 4)`` (theta in radians, centre in the rig frame), internals ``(K, H, 4)``.
+def cameras_at(
+    world: World,
+    hypotheses: Hypotheses,
+    views: list[Seen],
+    poses: Sequence[RigPose],
+    groups: Sequence[int | None],
+    mount: Mount,
+) -> tuple[FloatArray, FloatArray]:
+    """Cameras ``(K, 4)`` at rig poses, and the internals ``(K, H, 4)`` that each hypothesis reckons with there.
 
-    They follow from the model base's links: the part taken in the last view fixes where all others of its object stand.
+    ``groups``: the internals group of each pose, ``None`` for one that has not been seen.
     """
+    in_rig = [camera_in_rig(pose, mount) for pose in poses]
+    cameras = np.array([[np.radians(camera.theta_deg), *camera.centre_mm] for camera in in_rig])
+    internals = [guess_internals(world, hypotheses, views, g, p.zoom) for g, p in zip(groups, poses, strict=True)]
+    return cameras, np.array(internals)
+
+
+def in_view_of_all(
+    world: World, hypotheses: Hypotheses, cameras: FloatArray, internals: FloatArray, image_size: tuple[int, int]
+) -> Pairs:
+    """Parts that each hypothesis expects wholly in view of each camera; ``hypothesis`` counts H to each camera."""
     k, h = len(cameras), len(hypotheses)
-    pairs = parts_in_view(
+    return parts_in_view(
         world.layout,
         world.walls,
         np.tile(hypotheses.object_of, k),
@@ -64,6 +82,17 @@ def expect(
         margin_px=4.0,
         least_px=14.0,
     )
+
+
+def expect(
+    world: World, hypotheses: Hypotheses, cameras: FloatArray, internals: FloatArray, image_size: tuple[int, int]
+) -> Expected:
+    """Parts wholly in view of cameras ``(K, 4)`` (theta in radians, centre in the rig frame), internals ``(K, H, 4)``.
+
+    They follow from the model base's links: the part taken in the last view fixes where all others of its object stand.
+    """
+    k, h = len(cameras), len(hypotheses)
+    pairs = in_view_of_all(world, hypotheses, cameras, internals, image_size)
     low, high = bounding_box(pairs.corners_px)
     away = np.linalg.norm((low + high - np.array(image_size) + 1) / 2, axis=1)
     order = np.lexsort((away, pairs.hypothesis))

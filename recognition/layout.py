@@ -18,6 +18,8 @@ IntArray = npt.NDArray[np.int64]
 
 SHAPE_TOLERANCE = 0.025
 """Parts whose corners agree within this fraction of their size share a shape; windows of one kind scatter by 1-2 %."""
+CORE = 0.9
+"""Share of a part's width and height that must not be hidden: a wall that ends beside a part does not hide it."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Layout:
         first: ``(O + 1,)`` first part of each object.
         shape: ``(P,)`` index of the part's shape.
         shape_example: ``(S,)`` one part of each shape.
+        core_mm: ``(P, 4, 3)`` corners of the rectangle in the middle of a part that must not be hidden.
     """
 
     base: ModelBase
@@ -53,6 +56,7 @@ class Layout:
     first: IntArray
     shape: IntArray
     shape_example: IntArray
+    core_mm: FloatArray
     class_names: tuple[str, ...]
     part_ids: tuple[str, ...]
 
@@ -77,6 +81,7 @@ def compile_layout(base: ModelBase) -> Layout:
     sizes = [len(thing.parts) for thing in base.objects]
     part_class = np.array([names.index(p.part_class) for p in parts])
     shape, example = _shapes(local, part_class)
+    size = np.asarray(np.ptp(local, axis=1))
     return Layout(
         base=base,
         corners_mm=corners,
@@ -85,12 +90,13 @@ def compile_layout(base: ModelBase) -> Layout:
         normal=normal,
         along=along,
         local_mm=local,
-        size_mm=np.asarray(np.ptp(local, axis=1)),
+        size_mm=size,
         part_class=part_class,
         object_of=np.repeat(np.arange(len(sizes)), sizes),
         first=np.concatenate([[0], np.cumsum(sizes)]),
         shape=shape,
         shape_example=example,
+        core_mm=_core(centre, along, size),
         class_names=names,
         part_ids=tuple(p.id for p in parts),
     )
@@ -100,6 +106,12 @@ def part_of(layout: Layout, index: int) -> Part:
     """The part behind an index."""
     thing = int(layout.object_of[index])
     return layout.base.objects[thing].parts[index - int(layout.first[thing])]
+
+
+def _core(centre: FloatArray, along: FloatArray, size: FloatArray) -> FloatArray:
+    aside = 0.5 * CORE * size[:, 0, None] * along
+    below = np.stack([np.zeros(len(size)), 0.5 * CORE * size[:, 1], np.zeros(len(size))], axis=1)
+    return np.stack([centre + a * aside + b * below for a in (-1.0, 1.0) for b in (-1.0, 1.0)], axis=1)
 
 
 def _padded(polygons: list[FloatArray]) -> tuple[FloatArray, IntArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,20 @@ class Link:
     to_id: str
     rotation: FloatArray = field(repr=False)
     translation_mm: FloatArray = field(repr=False)
+
+    @property
+    def turn_deg(self) -> float:
+        """By how much the two parts face apart, degrees: 0 on one wall, 90 round a corner."""
+        return float(np.degrees(np.arccos(np.clip(self.rotation[2, 2], -1.0, 1.0))))
+
+    def as_numbers(self) -> dict[str, Any]:
+        """The link as plain JSON: ``from``, ``to``, ``rotation`` (rows) and ``translation_mm``."""
+        return {
+            "from": self.from_id,
+            "to": self.to_id,
+            "rotation": self.rotation.tolist(),
+            "translation_mm": self.translation_mm.tolist(),
+        }
 
 
 def part_frame(part: Part) -> tuple[FloatArray, FloatArray]:

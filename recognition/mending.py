@@ -37,13 +37,17 @@ def mended(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypothese
     """Children of those hypotheses that fall short in some view, scored; none of a hypothesis that explains all."""
     if len(hypotheses) == 0 or len(views) < 2:
         return hypotheses.take(np.empty(0, dtype=np.int64))
-    short = shortfall(world, hypotheses, views)
+    # Nothing can be mended where nothing was detected.
+    found = np.array([view.count > 0 for view in views])
+    short = np.where(found, shortfall(world, hypotheses, views), 0.0)
     hopeful = hypotheses.log_weight + np.maximum(short, 0.0).sum(axis=1) > hypotheses.log_weight.max() - _HOPELESS
     hypotheses, short = hypotheses.take(np.flatnonzero(hopeful)), short[hopeful]
-    found = np.array([view.count > 0 for view in views])
     worst = (short == short.max(axis=1, keepdims=True)) & (short > _SHORT)
     anew = (worst | (hypotheses.odds < 0)) & found
-    more = (short > _SHORT) & found
+    # What is left must still tell where the object is.
+    matched = np.stack([(m.part >= 0).any(axis=1) for m in hypotheses.matches], axis=1)
+    anew &= (matched & ~anew).any(axis=1)[:, None]
+    more = short > _SHORT
     children = join(_found_anew(world, hypotheses, views, anew), _completed(world, hypotheses, views, more))
     if len(children) == 0:
         return children
@@ -73,7 +77,7 @@ def _found_anew(world: World, hypotheses: Hypotheses, views: list[Seen], which: 
         lacking, rest = np.flatnonzero(which[:, k]), np.flatnonzero(~which[:, k])
         if lacking.size:
             modes = max(1, _CHILDREN // (2 * lacking.size))
-            again = look_in(world, children.take(lacking), views, k, modes=min(modes, _MODES), foremost=True)
+            again = look_in(world, children.take(lacking), views, k, modes=min(modes, _MODES))
             children = join(children.take(rest), again)
             which = np.concatenate([which[rest], np.repeat(which[lacking], len(again) // lacking.size, axis=0)])
     return children
@@ -99,7 +103,7 @@ def complete(world: World, hypotheses: Hypotheses, views: list[Seen], view: int)
     matching = match(world.layout, pairs, seen, part_gate(world, pairs, 0.08))
     lost = np.flatnonzero(matching.detection < 0)
     reach = np.full(n, _REACH_PX * seen.image_size[0] / 1280.0)
-    shifts, _ = vote_shift(pairs.take(lost), seen, n, reach)
+    shifts = vote_shift(pairs.take(lost), seen, n, reach).shift_px
     corners = pairs.corners_px.copy()
     corners[lost] += shifts[pairs.hypothesis[lost], 0][:, None]
     moved = replace(pairs, corners_px=corners)

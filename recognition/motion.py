@@ -15,6 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from recognition.geometry import rotation_y
+from recognition.kernels import projection as kernels
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -111,71 +114,24 @@ def normalise(state: State, points_mm: FloatArray, view: IntArray, cameras: Floa
         view: ``(H, N)`` which camera sees each point.
         cameras: ``(V, 4)`` theta (radians) and centre (mm) in the rig frame.
     """
-    seen = cameras[view]
-    cos_v, sin_v = np.cos(seen[..., 0]), np.sin(seen[..., 0])
-    if state.rotation.ndim == 1:
-        turned, d_rotation = _upright(state.rotation, points_mm)
-    else:
-        turned, d_rotation = _free(state.rotation, points_mm)
-    offset = state.shift[:, None, :] - seen[..., 1:]
-    px, py, pz = (turned[k] + offset[..., k] for k in range(3))
-    X, Y, Z = cos_v * px + sin_v * pz, py, cos_v * pz - sin_v * px
-    zero, one = np.zeros_like(X), np.ones_like(X)
-    d_shift = [(cos_v, zero, -sin_v), (zero, one, zero), (sin_v, zero, cos_v)]
-    columns = [(cos_v * a + sin_v * c, b, cos_v * c - sin_v * a) for a, b, c in d_rotation] + d_shift
-    if state.tilt is not None:
-        X, Y, Z, columns = _tilted(state.tilt, X, Y, Z, columns)
-    return _divide(X, Y, Z, columns, state.radial)
+    place, slope, depth = kernels.normalise(points_mm, view, camera_rows(cameras), *arrays(state))
+    return Normalised(place[:, 0], place[:, 1], slope[:, 0], slope[:, 1], depth)
 
 
-Triple = tuple[FloatArray, FloatArray, FloatArray]
+def arrays(state: State) -> tuple[FloatArray, bool, FloatArray, FloatArray, FloatArray]:
+    """A state as the kernels take it: rotations ``(H, 3, 3)``, whether about Y alone, shift, tilt and radial term.
+
+    What is not carried has no columns, ``(H, 0)``. All are contiguous: kernels are compiled anew for each layout.
+    """
+    none = np.zeros((len(state.shift), 0))
+    upright = state.rotation.ndim == 1
+    rotation = rotation_y(state.rotation) if upright else state.rotation
+    tilt = none if state.tilt is None else np.ascontiguousarray(state.tilt)
+    radial = none if state.radial is None else state.radial[:, None].copy()
+    return np.ascontiguousarray(rotation), upright, np.ascontiguousarray(state.shift), tilt, radial
 
 
-def _upright(phi: FloatArray, p: FloatArray) -> tuple[Triple, list[Triple]]:
-    """Ry(phi) p and its derivative in phi."""
-    c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
-    x, z = c * p[..., 0] + s * p[..., 2], c * p[..., 2] - s * p[..., 0]
-    return (x, p[..., 1], z), [(z, np.zeros_like(x), -x)]
-
-
-def _free(rotation: FloatArray, p: FloatArray) -> tuple[Triple, list[Triple]]:
-    """R p and its derivatives in a small rotation from the left: e_k x (R p)."""
-    q = p @ rotation.transpose(0, 2, 1)
-    x, y, z = q[..., 0], q[..., 1], q[..., 2]
-    o = np.zeros_like(x)
-    return (x, y, z), [(o, -z, y), (z, o, -x), (-y, x, o)]
-
-
-def _tilted(
-    tilt: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArray, columns: list[Triple]
-) -> tuple[FloatArray, FloatArray, FloatArray, list[Triple]]:
-    """Apply T = Rx(pitch) Rz(roll) in the camera frame, and append its two columns."""
-    (cr, sr), (cp, sp) = ((np.cos(tilt[:, k, None]), np.sin(tilt[:, k, None])) for k in (0, 1))
-
-    def turn(x: FloatArray, y: FloatArray, z: FloatArray) -> Triple:
-        x, y = cr * x - sr * y, sr * x + cr * y
-        return x, cp * y - sp * z, sp * y + cp * z
-
-    o = np.zeros_like(X)
-    roll = turn(-Y, X, o)
-    turned = [turn(*column) for column in columns]
-    X, Y, Z = turn(X, Y, Z)
-    return X, Y, Z, [*turned, roll, (o, -Z, Y)]
-
-
-def _divide(
-    X: FloatArray, Y: FloatArray, Z: FloatArray, columns: list[Triple], radial: FloatArray | None
-) -> Normalised:
-    """Perspective division (and the radial term) of camera-frame points and their derivatives."""
-    inverse = 1.0 / np.where(np.abs(Z) < 1e-9, 1e-9, Z)
-    x, y = X * inverse, Y * inverse
-    dx = [(a - x * c) * inverse for a, _, c in columns]
-    dy = [(b - y * c) * inverse for _, b, c in columns]
-    if radial is not None:
-        k, r2 = radial[:, None], x * x + y * y
-        grow = 1.0 + k * r2
-        dr2 = [2 * (x * a + y * b) for a, b in zip(dx, dy, strict=True)]
-        dx = [a * grow + x * k * d for a, d in zip(dx, dr2, strict=True)] + [x * r2]
-        dy = [b * grow + y * k * d for b, d in zip(dy, dr2, strict=True)] + [y * r2]
-        x, y = x * grow, y * grow
-    return Normalised(x, y, np.stack(dx, axis=1), np.stack(dy, axis=1), Z)
+def camera_rows(cameras: FloatArray) -> FloatArray:
+    """``(V, 5)`` cos and sin of the pan, and centre, of cameras ``(V, 4)``."""
+    pan = cameras[:, 0]
+    return np.concatenate([np.cos(pan)[:, None], np.sin(pan)[:, None], cameras[:, 1:]], axis=1)

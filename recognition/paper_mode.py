@@ -11,18 +11,18 @@ import numpy.typing as npt
 
 from recognition.belief import Belief
 from recognition.detectors import load_detector
-from recognition.geometry import camera_in_rig, wrap_deg
+from recognition.journey import Journey
 from recognition.levelling import levelled
 from recognition.modelbase import ModelBase
 from recognition.paper_belief import Interpretations, carry, central, eliminate, interpret
 from recognition.parts import DetectedPart, Detector
-from recognition.policies import Policy, Situation, load_policy
-from recognition.seen import Seen, see
+from recognition.policies import Policy, load_policy
+from recognition.seen import Seen
 from recognition.settings import RecogniserSettings
 from recognition.steps import Answer, BeliefSummary, Move, Outcome, Step, StepSeconds
-from recognition.summary import Verdict, answer, summarise
+from recognition.summary import Verdict, answer, summarise, wanted_of_pose
 from recognition.tracking import World, make_world
-from rig.hal import Frame, Rig, RigPose
+from rig.hal import Frame, Rig
 
 IntArray = npt.NDArray[np.int64]
 
@@ -40,6 +40,7 @@ def recognise_as_paper(
     keeps those whose expected part is found with the right class and a pose within 5 degrees and 20 mm. A view without
     any part is undone, and the next-best leaf is tried from where the rig was before. The run ends when one
     interpretation holds the threshold (1.0 in the paper), when none is left (``not_found``), or when no view is left.
+    It never goes on for a surer pose; the answer tells whether the pose is as sure as the settings ask.
 
     Fig. 5 calls get_best_leaf in its step 13 before it sets previous := new_node; the leaf sought here is new_node's.
 
@@ -66,10 +67,10 @@ def recognise_as_paper(
             len(state.views) - 1, frame, parts, state.summary(frame), move, StepSeconds(t1 - t0, t2 - t1, t3 - t2)
         )
         if move is None:
-            return answer(state.world, state.belief, state.views, verdict or state.give_up(), state.path)
+            return answer(state.world, state.belief, state.views, verdict or state.give_up(), state.journey.path)
         if state.empty and state.previous != frame.rig_pose:
             rig.move_to(state.previous)
-            state.path.append(state.previous)
+            state.journey.came_back(state.previous)
         rig.move_to(move.target)
 
 
@@ -78,20 +79,20 @@ class _State:
 
     def __init__(self, rig: Rig, world: World, settings: RecogniserSettings) -> None:
         self.rig, self.world, self.settings = rig, world, settings
-        self.rng = np.random.default_rng(settings.seed)
-        self.views: list[Seen] = []
-        self.path: list[RigPose] = []
-        self.groups: dict[float, int] = {}
+        self.journey = Journey(rig, world, settings)
         self.left: Interpretations | None = None
         self.belief = Belief.empty()
         self.previous = rig.pose
         self.empty = True
 
+    @property
+    def views(self) -> list[Seen]:
+        """All views so far."""
+        return self.journey.views
+
     def absorb(self, frame: Frame, parts: Sequence[DetectedPart]) -> None:
         """Interpret the first view that shows parts; let each later one eliminate."""
-        self.views.append(self._seen(frame, parts))
-        self.path.append(frame.rig_pose)
-        clear = _clear(self.views[-1], parts)
+        clear = _clear(self.journey.add(frame, parts), parts)
         self.empty = clear.size == 0
         if not self.empty:
             self.previous = frame.rig_pose
@@ -106,7 +107,7 @@ class _State:
     def verdict(self) -> Verdict | None:
         """Whether the run ends after this view, and as what."""
         if self.left is None:
-            return self.give_up() if len(self.views) >= self.settings.max_views else None
+            return self.give_up() if self.journey.at_its_end else None
         count = self.left.count
         if count == 0:
             return Verdict(
@@ -116,8 +117,10 @@ class _State:
             )
         mass = self.left.most_probable
         if count == 1 or mass >= self.settings.threshold:
-            return Verdict(Outcome.RECOGNISED, f"one of {count} interpretations left holds {mass:.4f}")
-        return self.give_up() if len(self.views) >= self.settings.max_views else None
+            wanted = wanted_of_pose(self.world, self.belief, self.views, self.settings)
+            verdict = Verdict(Outcome.RECOGNISED, f"one of {count} interpretations left holds {mass:.4f}", wanted)
+            return verdict.without("the paper takes no view for the pose's sake") if wanted else verdict
+        return self.give_up() if self.journey.at_its_end else None
 
     def give_up(self) -> Verdict:
         """What to say when no view is left to take."""
@@ -125,7 +128,7 @@ class _State:
             return Verdict(Outcome.NOT_FOUND, f"none of {len(self.views)} views shows a part to begin with")
         ended = (
             f"{len(self.views)} views were taken, which is the most"
-            if len(self.views) >= self.settings.max_views
+            if self.journey.at_its_end
             else "no view is left that shows an expected part"
         )
         return Verdict(Outcome.AMBIGUOUS, f"{ended}, and {self.left.count} interpretations are left")
@@ -133,45 +136,15 @@ class _State:
     def choose(self, policy: Policy) -> Move | None:
         """The next view, sought from where the last part was seen; an empty view is undone first."""
         here = self.previous
-        candidates = self._candidates(here)
-        situation = Situation(
-            world=self.world,
-            belief=self.belief,
-            views=self.views,
-            pose=here,
-            visited=tuple(self.path),
-            candidates=candidates,
-            groups=[
-                self.groups.get(round(p.zoom, 6)) if self.rig.internals_fixed_by_zoom else None for p in candidates
-            ],
-            cost_s=np.array([self.rig.travel_s(here, p) for p in candidates]),
-            sure=False,
-            most=self.settings.effort.candidates,
-            mount=self.settings.mount,
-            rng=self.rng,
-        )
-        move = policy.choose(situation)
+        # Only the nearest in time: the search tree branches at each.
+        fresh = sorted(self.journey.fresh(here), key=lambda p: self.rig.travel_s(here, p))
+        candidates = fresh[: self.settings.effort.candidates]
+        move = policy.choose(self.journey.situation(self.belief, here, candidates, sure=False))
         if move is None or not self.empty or self.left is None:
             return move
         return replace(
             move, why=f"the view is empty, so the move is undone and the next-best leaf is taken: {move.why}"
         )
-
-    def _candidates(self, here: RigPose) -> list[RigPose]:
-        """Reachable views that have not been taken, the nearest in time."""
-        fresh = [p for p in self.rig.reachable(here) if not any(_same(p, old) for old in self.path)]
-        return sorted(fresh, key=lambda p: self.rig.travel_s(here, p))[: self.settings.effort.candidates]
-
-    def _seen(self, frame: Frame, parts: Sequence[DetectedPart]) -> Seen:
-        height, width = frame.image.shape[:2]
-        zoom = frame.rig_pose.zoom
-        group = len(self.views)
-        if self.rig.internals_fixed_by_zoom:
-            group = self.groups.setdefault(round(zoom, 6), len(self.groups))
-        layout = self.world.layout
-        camera = camera_in_rig(frame.rig_pose, self.settings.mount)
-        corners = layout.corners_mm.shape[1]
-        return see(parts, camera, (width, height), group, zoom, layout.class_names, corners)
 
     def summary(self, frame: Frame) -> BeliefSummary:
         """The belief as shown to a person; interpretations are counted, not weighed."""
@@ -183,8 +156,3 @@ def _clear(seen: Seen, parts: Sequence[DetectedPart]) -> IntArray:
     """Detections that count as parts."""
     confidence = np.array([parts[i].confidence for i in seen.source])
     return np.flatnonzero(confidence >= max(_CLEAR * confidence.max(initial=0.0), _LEAST_CLEAR))
-
-
-def _same(a: RigPose, b: RigPose) -> bool:
-    near = max(abs(a.x_mm - b.x_mm), abs(a.y_mm - b.y_mm), abs(a.z_mm - b.z_mm)) < 0.5
-    return near and abs(wrap_deg(a.theta_deg - b.theta_deg)) < 0.1 and abs(a.zoom - b.zoom) < 1e-3

@@ -103,7 +103,7 @@ def estimate_pose(
     if (points_mm is None) != (pixels is None) or (points_mm is None) == (views is None):
         raise InputError("pass either points_mm and pixels, or views", where="estimate_pose")
     if views is None:
-        views = [View(points_mm, pixels, sigma_px=sigma_px)]  # type: ignore[arg-type]
+        views = [View(points_mm, pixels, sigma_px=sigma_px)]  # type: ignore[arg-type]  # ``gather`` makes arrays of them.
     seen = gather(views, dof)
     centre = seen.points_mm.mean(axis=0)
     centred = replace(seen, points_mm=seen.points_mm - centre)

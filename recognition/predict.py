@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.belief import Belief
-from recognition.geometry import Mount, camera_in_rig
+from recognition.expected import cameras_at, in_view_of_all
+from recognition.geometry import Mount
 from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
-from recognition.tracking import World, guess_internals
+from recognition.tracking import World
 from recognition.varpro import refine_batch
-from recognition.visibility import LEAST_COSINE, Pairs, bounding_box, parts_in_view
+from recognition.visibility import LEAST_COSINE, Pairs, bounding_box
 from rig.hal import RigPose
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,6 +28,24 @@ CELLS_ACROSS = 20
 """A picture is divided into so many cells across; parts this near look alike to a planner."""
 _POSE_CANDIDATES, _POSE_MATTERS = 40, 0.3
 _BORDER_SHARE, _SHIFT_SHARE = 0.04, 0.25
+_CENTRE_SD = 0.03
+"""How far the principal point of a view may be off, in widths (`Priors.principal_point_sd`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """What M hypotheses would see from one candidate; F features: how much of a part of a class stands in each cell.
+
+    Attributes:
+        cells: ``(M, F)`` with parts where they are expected.
+        about_middle: ``(M, F')`` with parts as they lie about the picture's middle: all that a view tells whose
+            internals are unknown, but for the shift. ``None`` where they are known.
+        middle_px: ``(M, 2)`` the middle of the parts in each picture.
+    """
+
+    cells: FloatArray
+    about_middle: FloatArray | None
+    middle_px: FloatArray
 
 
 @dataclass(frozen=True)
@@ -36,14 +55,14 @@ class Prediction:
     Attributes:
         weight: ``(M,)`` probabilities of the sample and, last, of "none of these", which expects no parts.
         rows: ``(M - 1,)`` the sample's rows in the belief.
-        features: for each candidate a matrix ``(M, F)``: how much of a part stands in each cell.
+        pictures: what they would see from each candidate.
         expected: ``(K, M)`` number of parts expected; those that may as well be just out of sight count less.
         pose_bits: ``(K,)`` expected information about the leading hypothesis's pose, bits.
     """
 
     weight: FloatArray
     rows: IntArray
-    features: list[FloatArray] = field(repr=False)
+    pictures: list[Pictures] = field(repr=False)
     expected: FloatArray = field(repr=False)
     pose_bits: FloatArray = field(repr=False)
 
@@ -90,41 +109,23 @@ def predict(
     rows, weight = sample(belief, most, rng)
     hypotheses = belief.hypotheses.take(rows)
     size = views[-1].image_size
-    cameras = np.array([_row(pose, mount) for pose in candidates])
     k, m = len(candidates), len(rows)
-    internals = np.array(
-        [guess_internals(world, hypotheses, views, g, pose.zoom) for g, pose in zip(groups, candidates, strict=True)]
-    )
-    pairs = parts_in_view(
-        world.layout,
-        world.walls,
-        np.tile(hypotheses.object_of, k),
-        np.tile(hypotheses.placement, (k, 1)),
-        np.repeat(cameras, m, axis=0),
-        internals.reshape(k * m, 4),
-        size,
-        margin_px=4.0,
-        least_px=14.0,
-    )
+    cameras, internals = cameras_at(world, hypotheses, views, candidates, groups, mount)
+    pairs = in_view_of_all(world, hypotheses, cameras, internals, size)
     candidate, which = np.divmod(pairs.hypothesis, m)
     middle = pairs.corners_px.mean(axis=1)
     look = world.layout.part_class[pairs.part]
     chance = _chance(pairs, size)
-    features = []
-    for c in range(k):
-        rows_c = np.flatnonzero(candidate == c)
-        features.append(_picture(which[rows_c], middle[rows_c], look[rows_c], chance[rows_c], m, size))
+    pictures = []
+    for c, group in enumerate(groups):
+        mine = np.flatnonzero(candidate == c)
+        pictures.append(_pictures(which[mine], middle[mine], look[mine], chance[mine], m, size, shifts=group is None))
     expected = np.zeros((k, m + 1))
     np.add.at(expected, (candidate, which), chance)
     bits = np.zeros(k)
     if len(weight) and weight[0] > _POSE_MATTERS:
         bits = _pose_bits(world, hypotheses, views, cameras, pairs, candidate, which)
-    return Prediction(np.append(weight, belief.none), rows, features, expected, bits)
-
-
-def _row(pose: RigPose, mount: Mount) -> FloatArray:
-    camera = camera_in_rig(pose, mount)
-    return np.array([np.radians(camera.theta_deg), *camera.centre_mm])
+    return Prediction(np.append(weight, belief.none), rows, pictures, expected, bits)
 
 
 def _chance(pairs: Pairs, size: tuple[int, int]) -> FloatArray:
@@ -138,7 +139,28 @@ def _chance(pairs: Pairs, size: tuple[int, int]) -> FloatArray:
     return np.asarray(np.clip(inside, 0.0, 1.0) * np.clip(squarely, 0.0, 1.0))
 
 
-def _picture(
+def _pictures(
+    which: IntArray,
+    middle: FloatArray,
+    look: IntArray,
+    chance: FloatArray,
+    m: int,
+    size: tuple[int, int],
+    *,
+    shifts: bool,
+) -> Pictures:
+    """Pictures of one candidate; ``shifts``: its internals are unknown, so a picture may lie elsewhere as a whole."""
+    total = np.zeros((m + 1, 2))
+    np.add.at(total, which, chance[:, None] * middle)
+    amount = np.bincount(which, weights=chance, minlength=m + 1)
+    centre = total / np.maximum(amount, 1e-9)[:, None]
+    cells = _cells(which, middle, look, chance, m, size)
+    if not shifts:
+        return Pictures(cells, None, centre)
+    return Pictures(cells, _cells(which, middle - centre[which] + np.array(size), look, chance, m, size), centre)
+
+
+def _cells(
     which: IntArray, middle: FloatArray, look: IntArray, chance: FloatArray, m: int, size: tuple[int, int]
 ) -> FloatArray:
     """Feature matrix ``(m + 1, F)``: bilinear in the cells, parts a cell apart do not overlap; last row empty."""
@@ -159,16 +181,29 @@ def _picture(
     return features
 
 
-def distances(features: FloatArray, world: World) -> FloatArray:
-    """``(M, M)`` expected log odds, nats, by which one predicted picture is told from another."""
+def distances(pictures: Pictures, world: World, width: int) -> FloatArray:
+    """``(M, M)`` expected log odds, nats, by which one predicted picture is told from another.
+
+    Where the internals are unknown, a picture that is like another but for a shift is told from it only by how unlikely
+    such a principal point is.
+    """
+    apart = _apart(pictures.cells)
+    rates = world.rates
+    each = 0.5 * rates.found * min(rates.part_cap, 6.0)
+    nats = each * apart
+    if pictures.about_middle is not None:
+        off = (pictures.middle_px[:, None] - pictures.middle_px[None]) / (_CENTRE_SD * width)
+        nats = np.minimum(nats, each * _apart(pictures.about_middle) + 0.5 * np.log1p(off**2).sum(axis=2))
+    return np.asarray(np.minimum(nats, rates.view_cap))
+
+
+def _apart(features: FloatArray) -> FloatArray:
+    """``(M, M)`` by how many parts pictures ``(M, F)`` differ."""
     count = features.sum(axis=1)
     both = np.minimum(features[:, None], features[None]).sum(axis=2)
     total = count[:, None] + count[None]
     # Shifts of a part of a cell are no evidence: unknown internals and uncertain poses move a picture as much.
-    apart = np.maximum(total - 2.0 * both - _SHIFT_SHARE * total, 0.0) / (1.0 - _SHIFT_SHARE)
-    rates = world.rates
-    each = 0.5 * rates.found * min(rates.part_cap, 6.0)
-    return np.asarray(np.minimum(each * apart, rates.view_cap))
+    return np.asarray(np.maximum(total - 2.0 * both - _SHIFT_SHARE * total, 0.0) / (1.0 - _SHIFT_SHARE))
 
 
 def information_bits(weight: FloatArray, distance: FloatArray) -> float:
@@ -258,7 +293,7 @@ def only(prediction: Prediction, keep: IntArray) -> Prediction:
     """The prediction for some of the candidates."""
     return replace(
         prediction,
-        features=[prediction.features[int(c)] for c in keep],
+        pictures=[prediction.pictures[int(c)] for c in keep],
         expected=prediction.expected[keep],
         pose_bits=prediction.pose_bits[keep],
     )

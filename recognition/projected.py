@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from recognition.internals import add_priors, prior_cost, solve_pairs
-from recognition.motion import IntArray, Normalised, State, normalise, replaced
+from recognition.internals import add_priors, prior_cost, settle, solve_pairs
+from recognition.kernels import projection as kernels
+from recognition.motion import IntArray, State, arrays, camera_rows, replaced
 from recognition.priors import Priors
 
 FloatArray = npt.NDArray[np.float64]
@@ -103,85 +104,76 @@ def linearise(problem: Problem, state: State, before: Linearised | None) -> Line
 
 
 def _linearise(problem: Problem, state: State, before: Linearised | None) -> Linearised:
-    seen = normalise(state, problem.points_mm, problem.view, problem.cameras)
-    square = problem.weight**2
-    robust = square if before is None else square * _robust_weight(before.residuals, problem)
-    internals = _solve_internals(problem, seen, robust, None if before is None else before.internals)
-    each = _per_point(problem, internals)
-    residuals = _residuals(problem, seen, each)
-    if problem.tail_sd is not None:
-        robust = square * _robust_weight(residuals, problem)
-    pose, gradient, mixed, inner_gradient = _outer_equations(problem, seen, robust, residuals, each)
-    hessian = _inner_hessian(problem, seen, robust)
+    internals = _solve_internals(problem, state, before)
+    sums = _joint_sums(problem, state, internals)
+    hessian, inner_gradient, pose, gradient = sums.inner, sums.inner_gradient, sums.pose, sums.gradient
     add_priors(hessian, inner_gradient, internals, problem.priors)
-    cost = _data_cost(problem, residuals) + prior_cost(internals, problem.priors).sum(axis=-1)
+    cost = sums.cost + prior_cost(internals, problem.priors).sum(axis=-1)
     cost = cost + _add_state_priors(problem, state, pose, gradient)
-    solved = solve_pairs(hessian, np.concatenate([mixed, inner_gradient[..., None]], axis=-1))
-    taken = np.einsum("hgap,hgaq->hpq", mixed, solved)
+    solved = solve_pairs(hessian, np.concatenate([sums.mixed, inner_gradient[..., None]], axis=-1))
+    h, g, _, p = sums.mixed.shape
+    taken = sums.mixed.reshape(h, g * 4, p).transpose(0, 2, 1) @ solved.reshape(h, g * 4, p + 1)
     information, gradient = pose - taken[..., :-1], gradient - taken[..., -1]
-    furthest = _FURTHEST * np.ptp(problem.points_mm, axis=1).max(axis=-1, keepdims=True)
-    possible = (seen.depth > _MIN_DEPTH_MM) & (seen.depth < furthest)
-    in_front = np.all(possible | (problem.weight == 0), axis=1)
-    cost = np.where(in_front & np.isfinite(cost), cost, np.inf)
-    return Linearised(cost, internals, information, gradient, residuals, hessian, in_front)
+    cost = np.where(sums.in_front & np.isfinite(cost), cost, np.inf)
+    return Linearised(cost, internals, information, gradient, sums.residuals, hessian, sums.in_front)
 
 
 def mixed_information(problem: Problem, state: State, fit: Linearised) -> tuple[FloatArray, FloatArray]:
     """Diagonal ``(H, P)`` of the information of the pose at given internals, and that between both ``(H, G, 4, P)``."""
-    seen = normalise(state, problem.points_mm, problem.view, problem.cameras)
-    weight = problem.weight**2 * _robust_weight(fit.residuals, problem)
-    pose, _, mixed, _ = _outer_equations(problem, seen, weight, fit.residuals, _per_point(problem, fit.internals))
-    return np.asarray(np.einsum("hpp->hp", pose)), mixed
+    sums = _joint_sums(problem, state, fit.internals)
+    return np.asarray(np.einsum("hpp->hp", sums.pose)), sums.mixed
 
 
-def _robust_weight(residuals: FloatArray, problem: Problem) -> FloatArray:
-    """``(H, N)`` weights of the Cauchy loss on a corner's distance, both coordinates together."""
-    if problem.tail_sd is None:
-        return np.ones(problem.weight.shape)
-    square = problem.weight**2 * np.einsum("hnk,hnk->hn", residuals, residuals)
-    return np.asarray(1.0 / (1.0 + square / problem.tail_sd**2))
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """What ``kernels.joint_sums`` returns."""
+
+    residuals: FloatArray
+    pose: FloatArray
+    gradient: FloatArray
+    mixed: FloatArray
+    inner: FloatArray
+    inner_gradient: FloatArray
+    cost: FloatArray
+    in_front: BoolArray
 
 
-def _data_cost(problem: Problem, residuals: FloatArray) -> FloatArray:
-    """``(H,)`` -2 log likelihood up to a constant."""
-    square = problem.weight**2 * np.einsum("hnk,hnk->hn", residuals, residuals)
-    if problem.tail_sd is not None:
-        square = problem.tail_sd**2 * np.log1p(square / problem.tail_sd**2)
-    return np.asarray(square.sum(axis=1))
+def _joint_sums(problem: Problem, state: State, internals: FloatArray) -> _Sums:
+    return _Sums(
+        *kernels.joint_sums(
+            problem.points_mm,
+            problem.pixels,
+            problem.weight,
+            problem.view,
+            problem.group,
+            camera_rows(problem.cameras),
+            *arrays(state),
+            problem.tail_sd or 0.0,
+            internals,
+            _MIN_DEPTH_MM,
+            _FURTHEST,
+        )
+    )
 
 
-def _per_group(problem: Problem, values: FloatArray) -> FloatArray:
-    """Sums over the points of each group: ``(H, K, N)`` -> ``(H, G, K)``."""
-    h, k, n = values.shape
-    if problem.groups == 1:
-        return np.asarray((values.reshape(-1, n) @ np.ones(n)).reshape(h, 1, k))
-    one_hot = (problem.group[:, :, None] == np.arange(problem.groups)).astype(np.float64)
-    return np.asarray((values @ one_hot).transpose(0, 2, 1))
-
-
-def _per_point(problem: Problem, internals: FloatArray) -> FloatArray:
-    """Each point's internals: ``(H, G, 4)`` -> ``(H, N, 4)``."""
-    if problem.groups == 1:
-        return internals
-    return np.take_along_axis(internals, problem.group[:, :, None], axis=1)
-
-
-def _inner_hessian(problem: Problem, seen: Normalised, w: FloatArray) -> FloatArray:
-    """The data's ``(H, G, 4, 4)`` in the internals (fx, fy, u0, v0)."""
-    wx, wy = w * seen.x, w * seen.y
-    sums = _per_group(problem, np.stack([wx * seen.x, wx, wy * seen.y, wy, w], axis=1))
-    hessian = np.zeros((*sums.shape[:2], 4, 4))
-    for k, (a, b) in enumerate([(0, 0), (0, 2), (1, 1), (1, 3)]):
-        hessian[..., a, b] = hessian[..., b, a] = sums[..., k]
-    hessian[..., 2, 2] = hessian[..., 3, 3] = sums[..., 4]
-    return hessian
-
-
-def _solve_internals(problem: Problem, seen: Normalised, w: FloatArray, before: FloatArray | None) -> FloatArray:
-    """The internals ``(H, G, 4)`` that fit best at the given coordinates; priors are linearised at the last ones."""
-    data = _inner_hessian(problem, seen, w)
-    u, v = problem.pixels[..., 0] * w, problem.pixels[..., 1] * w
-    rhs = _per_group(problem, np.stack([seen.x * u, seen.y * v, u, v], axis=1))
+def _solve_internals(problem: Problem, state: State, before: Linearised | None) -> FloatArray:
+    """The internals ``(H, G, 4)`` that fit best at a state; robust weights and priors are those at the last ones."""
+    rotation, _, shift, tilt, radial = arrays(state)
+    data, rhs = kernels.inner_sums(
+        problem.points_mm,
+        problem.pixels,
+        problem.weight,
+        np.zeros_like(problem.pixels) if before is None else before.residuals,
+        problem.view,
+        problem.group,
+        problem.groups,
+        camera_rows(problem.cameras),
+        rotation,
+        shift,
+        tilt,
+        radial,
+        problem.tail_sd or 0.0,
+    )
     if before is None:
         internals = solve_pairs(data, rhs[..., None])[..., 0]
     if problem.priors is None:
@@ -192,38 +184,8 @@ def _solve_internals(problem: Problem, seen: Normalised, w: FloatArray, before: 
         fallback = _FALLBACK_FOCAL_PX if span is None else float(np.sqrt(span[0] * span[1]))
         internals[..., :2] = np.where(np.abs(focal) > 1e-6, focal, fallback)
     else:
-        internals = before
-    for _ in range(4 if before is None else 2):
-        hessian = data.copy()
-        gradient = np.einsum("hgab,hgb->hga", data, internals) - rhs
-        add_priors(hessian, gradient, internals, problem.priors)
-        internals = internals - solve_pairs(hessian, gradient[..., None])[..., 0]
-    return internals
-
-
-def _residuals(problem: Problem, seen: Normalised, each: FloatArray) -> FloatArray:
-    """Observed minus predicted pixels ``(H, N, 2)``; 0 for padding."""
-    ru = problem.pixels[..., 0] - each[..., 0] * seen.x - each[..., 2]
-    rv = problem.pixels[..., 1] - each[..., 1] * seen.y - each[..., 3]
-    return np.where(problem.weight[..., None] > 0, np.stack([ru, rv], axis=-1), 0.0)
-
-
-def _outer_equations(
-    problem: Problem, seen: Normalised, w: FloatArray, residuals: FloatArray, each: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Data part of the joint normal equations: pose-pose, pose gradient, internals-pose, internals gradient."""
-    root = np.sqrt(w)
-    ju, jv = (root * each[..., 0])[:, None] * seen.dx, (root * each[..., 1])[:, None] * seen.dy
-    ru, rv = root * residuals[..., 0], root * residuals[..., 1]
-    rows = np.concatenate([ju, jv], axis=2)
-    pose = rows @ rows.transpose(0, 2, 1)
-    gradient = -(rows @ np.concatenate([ru, rv], axis=1)[..., None])[..., 0]
-    h, p, _ = ju.shape
-    mixed = np.empty((h, problem.groups, 4, p))
-    for k, (column, j) in enumerate([(root * seen.x, ju), (root * seen.y, jv), (root, ju), (root, jv)]):
-        mixed[:, :, k] = _per_group(problem, column[:, None] * j)
-    inner = np.stack([root * seen.x * ru, root * seen.y * rv, root * ru, root * rv], axis=1)
-    return pose, gradient, mixed, -_per_group(problem, inner)
+        internals = before.internals
+    return settle(data, rhs, internals, problem.priors, 4 if before is None else 2)
 
 
 def _add_state_priors(problem: Problem, state: State, information: FloatArray, gradient: FloatArray) -> FloatArray:

@@ -13,12 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
+from recognition.kernels.support import support
 from recognition.layout import Layout
 from recognition.seen import LEAST_CLASS_PROBABILITY, Seen
 from recognition.settings import BenchBounds
-from recognition.wallfit import fit_wall, wall_to_image
+from recognition.wallfit import fit_wall
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -157,43 +157,23 @@ def _pairs(
     return detection[sound], shape[sound], fit.numbers[sound], low[sound], high[sound]
 
 
-def _feature(middle: FloatArray, size: FloatArray) -> FloatArray:
-    """Place in units of size, and log size: near in this space means nearly the same outline."""
-    scale = np.sqrt(size.prod(axis=-1))[..., None]
-    return np.concatenate([middle / scale, np.log(np.maximum(size, 1e-6))], axis=-1)
-
-
 def _support(around: Surroundings, seen: Seen, numbers: FloatArray, part: IntArray) -> FloatArray:
     """Score ``(B,)``: neighbours found where the wall's image predicts them, less those expected and not found."""
-    score = np.zeros(len(part))
     width, height = seen.image_size
-    middle_seen, size_seen = seen.centre_px, seen.size_px
-    # Places are compared in pixels / 64 and sizes in logs; the gate is then checked in units of the part's own size.
-    tree = cKDTree(np.concatenate([middle_seen / 64.0, np.log(size_seen)], axis=1))
-    for begin in range(0, len(part), 20_000):
-        rows = slice(begin, begin + 20_000)
-        index = around.index[part[rows]]
-        middle, size = around.middle_mm[part[rows]], around.size_mm[part[rows]]
-        half = size / 2
-        four = np.stack([-half, half * [1, -1], half, half * [-1, 1]], axis=-2) + middle[..., None, :]
-        px, depth = wall_to_image(numbers[rows][:, None, None], four)
-        top, bottom = px.min(axis=2), px.max(axis=2)
-        inside = (index >= 0) & (depth.min(axis=2) > 0.05) & (top > 4).all(axis=-1)
-        inside &= (bottom[..., 0] < width - 5) & (bottom[..., 1] < height - 5)
-        box = np.maximum(bottom - top, 1.0)
-        inside &= box.min(axis=-1) > 8
-        place = (top + bottom) / 2
-        at = np.flatnonzero(inside)
-        query = np.concatenate([place / 64.0, np.log(box)], axis=-1).reshape(-1, 4)[at]
-        _, near = tree.query(query, workers=1)
-        gap = np.abs(middle_seen[near] - place.reshape(-1, 2)[at])
-        size_at = box.reshape(-1, 2)[at]
-        hit = (gap < _SAME_PLACE * size_at + 2.0).all(axis=1)
-        hit &= (np.abs(np.log(size_seen[near] / size_at)) < _SAME_PLACE + 3.0 / size_at).all(axis=1)
-        value = np.zeros(inside.size)
-        value[at] = np.where(hit, _HIT, _MISS)
-        score[rows] = value.reshape(inside.shape).sum(axis=1)
-    return score
+    return support(
+        numbers,
+        part,
+        around.index,
+        around.middle_mm,
+        around.size_mm,
+        seen.centre_px,
+        seen.size_px,
+        float(width),
+        float(height),
+        _SAME_PLACE,
+        _HIT,
+        _MISS,
+    )
 
 
 def _best(score: FloatArray, part: IntArray, most: int, per_part: int) -> IntArray:

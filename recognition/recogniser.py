@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from recognition.belief import Belief, rivals, thin, update, weigh
 from recognition.detectors import load_detector
-from recognition.geometry import camera_in_rig, wrap_deg
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
+from recognition.journey import Journey
 from recognition.levelling import levelled
 from recognition.modelbase import ModelBase
 from recognition.parts import DetectedPart, Detector
-from recognition.policies import Policy, Situation, load_policy
+from recognition.policies import Policy, load_policy
 from recognition.second_look import look_again
-from recognition.seen import Seen, see
+from recognition.seen import Seen
 from recognition.settings import RecogniserSettings
 from recognition.steps import Answer, Move, Outcome, Step, StepSeconds
 from recognition.summary import Verdict, answer, judge, leading_group, summarise
 from recognition.tracking import World, make_world
-from rig.hal import Frame, Rig, RigPose
-
-FloatArray = npt.NDArray[np.float64]
+from rig.hal import Frame, Rig
 
 _ABOUT_TO_WIN, _AHEAD = 0.9, 0.5
 
@@ -52,7 +48,7 @@ def recognise(
 
         return (yield from recognise_as_paper(rig, model_base, settings, detector=detector))
     finder = detector if detector is not None else load_detector(settings.detector, model_base.classes)
-    state = _State.begin(rig, make_world(model_base, settings.bounds, settings.rates), settings)
+    state = _State(rig, make_world(model_base, settings.bounds, settings.rates), settings)
     policy = load_policy(settings.policy)
     while True:
         frame = levelled(rig.capture(), settings.mount)
@@ -63,11 +59,11 @@ def recognise(
         t2 = time.perf_counter()
         verdict = state.verdict()
         move = None
-        if verdict is None or not verdict.final:
+        if verdict is None or verdict.wanted:
             move = state.choose(policy, sure=verdict is not None)
         t3 = time.perf_counter()
-        if verdict is None and move is None:
-            verdict = state.give_up()
+        if move is None and (verdict is None or verdict.wanted):
+            verdict = state.give_up(verdict)
         step = Step(
             index=len(state.views) - 1,
             frame=frame,
@@ -79,36 +75,33 @@ def recognise(
         yield step
         if move is None:
             assert verdict is not None
-            return answer(state.world, state.belief, state.views, verdict, state.path)
+            return answer(state.world, state.belief, state.views, verdict, state.journey.path)
         rig.move_to(move.target)
 
 
-@dataclass
 class _State:
     """What a run carries from view to view."""
 
-    rig: Rig
-    world: World
-    settings: RecogniserSettings
-    rng: np.random.Generator
-    views: list[Seen]
-    path: list[RigPose]
-    visited: list[RigPose]
-    groups: dict[float, int]
-    hypotheses: Hypotheses | None
-    belief: Belief
+    def __init__(self, rig: Rig, world: World, settings: RecogniserSettings) -> None:
+        self.world, self.settings = world, settings
+        self.journey = Journey(rig, world, settings)
+        self.hypotheses: Hypotheses | None = None
+        self.belief = Belief.empty()
 
-    @staticmethod
-    def begin(rig: Rig, world: World, settings: RecogniserSettings) -> _State:
-        rng = np.random.default_rng(settings.seed)
-        return _State(rig, world, settings, rng, [], [], [], {}, None, Belief.empty())
+    @property
+    def views(self) -> list[Seen]:
+        """All views so far."""
+        return self.journey.views
 
     def absorb(self, frame: Frame, parts: Sequence[DetectedPart]) -> None:
         """Update the belief with one view."""
-        self.views.append(self._seen(frame, parts))
-        self.path.append(frame.rig_pose)
-        self.visited.append(frame.commanded)
-        hypotheses = update(self.world, self.hypotheses, self.views, self.settings.effort)
+        effort, edges = self.settings.effort, None
+        if effort.second_looks:
+            from recognition.detectors.edges import EdgeField
+
+            edges = EdgeField(frame.image)
+        self.journey.add(frame, parts[: effort.detections], edges)
+        hypotheses = update(self.world, self.hypotheses, self.views, effort)
         self._believe(self._look_again(hypotheses))
         self._try_rivals()
 
@@ -140,65 +133,25 @@ class _State:
             thin(join(belief.hypotheses, self._look_again(best)), self.views[-1], len(belief.hypotheses) + 40)
         )
 
-    def _seen(self, frame: Frame, parts: Sequence[DetectedPart]) -> Seen:
-        height, width = frame.image.shape[:2]
-        edges = None
-        if self.settings.effort.second_looks:
-            from recognition.detectors.edges import EdgeField
-
-            edges = EdgeField(frame.image)
-        return see(
-            parts[: self.settings.effort.detections],
-            camera_in_rig(frame.rig_pose, self.settings.mount),
-            (width, height),
-            self._group(frame.rig_pose),
-            frame.rig_pose.zoom,
-            self.world.layout.class_names,
-            self.world.layout.corners_mm.shape[1],
-            edges,
-        )
-
-    def _group(self, pose: RigPose) -> int:
-        """Views of one zoom setting share internals if the rig vouches for it; else each view has its own."""
-        if not self.rig.internals_fixed_by_zoom:
-            return len(self.views)
-        return self.groups.setdefault(round(pose.zoom, 6), len(self.groups))
-
     def verdict(self) -> Verdict | None:
-        """Whether the run may end, and as what; one that is not final still wants a surer pose."""
+        """Whether the run may end, and as what; it may still want a surer pose."""
         return judge(self.world, self.belief, self.views, self.settings)
 
-    def give_up(self) -> Verdict:
-        """What to say when no view can tell more."""
+    def give_up(self, settled: Verdict | None) -> Verdict:
+        """What to say when no view is left that can tell more; ``settled``: of a place that is, but for its pose."""
+        if settled is not None:
+            return settled.without(
+                f"{len(self.views)} views were taken, which is the most"
+                if self.journey.at_its_end
+                else "no reachable view makes it surer"
+            )
         if self.belief.probability.sum() > self.belief.none:
             return Verdict(Outcome.AMBIGUOUS, "no reachable view separates what is left")
         return Verdict(Outcome.NOT_FOUND, "no reachable view shows a part that would tell an object")
 
     def choose(self, policy: Policy, *, sure: bool) -> Move | None:
-        """Ask the policy for the next view, among those not visited."""
-        if len(self.views) >= self.settings.max_views:
+        """Ask the policy for the next view, among those not taken."""
+        if self.journey.at_its_end:
             return None
-        here = self.path[-1]
-        candidates = [p for p in self.rig.reachable(here) if not any(_same(p, old) for old in self.visited)]
-        situation = Situation(
-            world=self.world,
-            belief=self.belief,
-            views=self.views,
-            pose=here,
-            visited=tuple(self.path),
-            candidates=candidates,
-            groups=[
-                self.groups.get(round(p.zoom, 6)) if self.rig.internals_fixed_by_zoom else None for p in candidates
-            ],
-            cost_s=np.array([self.rig.travel_s(here, p) for p in candidates]),
-            sure=sure,
-            mount=self.settings.mount,
-            most=self.settings.effort.candidates,
-            rng=self.rng,
-        )
-        return policy.choose(situation)
-
-
-def _same(a: RigPose, b: RigPose) -> bool:
-    near = max(abs(a.x_mm - b.x_mm), abs(a.y_mm - b.y_mm), abs(a.z_mm - b.z_mm)) < 0.5
-    return near and abs(wrap_deg(a.theta_deg - b.theta_deg)) < 0.1 and abs(a.zoom - b.zoom) < 1e-3
+        here = self.journey.path[-1]
+        return policy.choose(self.journey.situation(self.belief, here, self.journey.fresh(here), sure=sure))

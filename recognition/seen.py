@@ -94,19 +94,21 @@ def see(
         for p in usable
     ]
     corners_px = np.array(polygons).reshape(-1, corners, 2)
-    scores = [[p.class_scores.get(name, 0.0) for name in class_names] for p in usable]
+    corner_count = np.array([len(p.corners_px) for p in usable], dtype=np.int64)
+    scores = np.array([[p.class_scores.get(name, 0.0) for name in class_names] for p in usable])
+    class_score = scores.reshape(-1, len(class_names))
     return Seen(
         camera=camera,
         image_size=image_size,
         group=group,
         zoom=zoom,
         corners_px=corners_px,
-        corner_count=np.array([len(p.corners_px) for p in usable], dtype=np.int64),
+        corner_count=corner_count,
         sigma_px=np.array([p.sigma_px for p in usable]),
-        class_score=np.array(scores).reshape(-1, len(class_names)),
+        class_score=class_score,
         likeness=_likeness(np.array([p.confidence for p in usable])),
         source=np.array(source, dtype=np.int64),
-        foremost=_foremost(corners_px),
+        foremost=_foremost(corners_px, corner_count, class_score),
         edges=edges,
     )
 
@@ -119,10 +121,16 @@ def _likeness(confidence: FloatArray) -> FloatArray:
 _ALIKE = 0.15
 
 
-def _foremost(corners_px: FloatArray) -> IntArray:
-    """``(D,)`` the first of ``(D, C, 2)`` outlines whose corners are all within some share of its size from each."""
+def _foremost(corners_px: FloatArray, corner_count: IntArray, class_score: FloatArray) -> IntArray:
+    """``(D,)`` the first of the outlines ``(D, C, 2)`` that differ little from each: by some share of its size at most.
+
+    They have as many corners and the same likeliest class. The detector's best come first.
+    """
     near = _ALIKE * np.ptp(corners_px, axis=1).min(axis=1, initial=np.inf)
+    likeliest = class_score.argmax(axis=1) if class_score.shape[1] else np.zeros(len(corners_px))
     first = np.arange(len(corners_px))
     for k in range(len(corners_px) - 1, -1, -1):
-        first[np.abs(corners_px - corners_px[k]).max(axis=(1, 2)) <= near[k]] = k
+        alike = np.abs(corners_px - corners_px[k]).max(axis=(1, 2)) <= near[k]
+        alike &= (corner_count == corner_count[k]) & (likeliest == likeliest[k])
+        first[alike] = k
     return np.minimum(first, np.arange(len(corners_px)))

@@ -23,7 +23,8 @@ class BenchBounds:
         view_angle_min_deg: the lens's narrowest horizontal angle of view.
         view_angle_max_deg: the lens's widest horizontal angle of view.
         motion_sd_mm: standard deviation of the positions that the rig reads back, per axis.
-        motion_sd_deg: standard deviation of the pans that the rig reads back.
+        motion_sd_deg: standard deviation of the pans that the rig reads back. Both count in how sure a pose is told to
+            be; the fit itself takes poses as read back.
     """
 
     distance_min_mm: float = 50.0
@@ -102,7 +103,8 @@ class RecogniserSettings:
         seed: of the random generator; the same seed gives the same run.
         detector: name in the entry-point group ``rig.detectors``.
         pose_sd_mm: go on until the camera's position is this sure, mm; ``None``: to 5 % of the distance to the parts.
-        pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask.
+        pose_sd_deg: go on until the camera's pan is this sure, degrees; ``None``: do not ask. Paper mode goes on
+            for neither, but its answer tells whether they are met.
         bounds: what the bench knows about distances and the lens.
         mount: how the camera hangs on the rig.
         rates: how the detector behaves on this bench.

@@ -125,6 +125,7 @@ class Answer:
         unobservable: names of directions that the views do not determine.
         why: one sentence: why the run ended so.
         travel_mm: path length of the gantry; rotation_deg: summed pan.
+        pose_sure: whether the pose is as sure as asked, if recognised; else ``None``.
     """
 
     outcome: Outcome
@@ -137,3 +138,4 @@ class Answer:
     why: str
     travel_mm: float
     rotation_deg: float
+    pose_sure: bool | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from recognition.belief import Belief
 from recognition.geometry import CameraPose, Pose4, camera_in_object, rotation_y, wrap_deg
 from recognition.seen import Seen
-from recognition.settings import RecogniserSettings
+from recognition.settings import BenchBounds, RecogniserSettings
 from recognition.steps import Answer, BeliefSummary, HypothesisSummary, Outcome, PartMatch
 from recognition.tracking import World, expected_internals, expected_parts
 from recognition.visibility import camera_in_objects, parts_in_view
@@ -26,17 +26,22 @@ LEAST_PARTS = 5
 """Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
 _UNSURE_SHARE = 0.05
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
-_SEEN_VIEWS = 3
-"""So many views must have shown something before a run may say that it is none of the objects."""
+_SEEN_VIEWS, _BLIND_VIEWS = 3, 6
+"""So many views must have shown something before a run may say that it is none of the objects; more where nothing seen
+could even be a part, as when only windows cut by the frame are in sight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a run ends and why; ``final`` False: the place is settled, but the pose is wanted surer."""
+    """How a run may end and why; ``wanted``: of a place that is settled, in what its pose is less sure than asked."""
 
     outcome: Outcome
     why: str
-    final: bool = True
+    wanted: str = ""
+
+    def without(self, reason: str) -> Verdict:
+        """The verdict of a run that ends without what is wanted; ``reason`` says why it goes on no longer."""
+        return replace(self, why=f"{self.why}, but {self.wanted}, and {reason}")
 
 
 def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
@@ -66,13 +71,19 @@ def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
 
 
 def leading_group(world: World, belief: Belief, views: list[Seen]) -> npt.NDArray[np.bool_]:
-    """``(H,)`` hypotheses that say what the leading one says: same object, and the camera at nearly the same pose."""
+    """``(H,)`` hypotheses that say what the leading one says: same object, and the camera at nearly the same pose.
+
+    Where depth is open, hypotheses that match the same parts in every view may still stand apart along it: they
+    are one place, and how far they stand apart is an unsure pose, not another place.
+    """
     hypotheses = belief.hypotheses
     pan, centre = camera_in_objects(hypotheses.placement, views[-1].camera_row)
     distance = _distance_to_parts(world, belief, views)
     turn = np.abs(np.remainder(pan - pan[0] + np.pi, 2 * np.pi) - np.pi)
     near = np.linalg.norm(centre - centre[0], axis=1) < 0.12 * distance
-    return np.asarray((hypotheses.object_of == hypotheses.object_of[0]) & near & (turn < np.radians(4.0)))
+    parts = [np.sort(found.part, axis=1) for found in hypotheses.matches]
+    alike = np.all([(part == part[0]).all(axis=1) for part in parts], axis=0)
+    return np.asarray((hypotheses.object_of == hypotheses.object_of[0]) & (near | alike) & (turn < np.radians(4.0)))
 
 
 def _distance_to_parts(world: World, belief: Belief, views: list[Seen]) -> float:
@@ -92,8 +103,18 @@ def pose_of(placement: FloatArray, seen: Seen) -> CameraPose:
     return camera_in_object(seen.camera, Pose4.of(np.degrees(placement[0]), placement[1:]))
 
 
-def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> dict[str, float]:
-    """Sd of the camera's pose in the object frame: the leading fit's covariance, and the spread of its companions."""
+_NO_BOUNDS = BenchBounds()
+
+
+def pose_sd(
+    belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_], bounds: BenchBounds = _NO_BOUNDS
+) -> dict[str, float]:
+    """Sd of the camera's pose in the object frame at the last view.
+
+    That of the leading fit's covariance, the spread of its companions, and how far the rig's poses may be trusted: the
+    object is placed by all views, so the last one's own motion error, less its share in that placement, is an error of
+    the camera. With a single view there is none, as its motion error moves camera and object alike.
+    """
     hypotheses = belief.hypotheses
     phi, shift = hypotheses.placement[0, 0], hypotheses.placement[0, 1:]
     away = views[-1].camera.centre_mm - shift
@@ -110,34 +131,31 @@ def pose_sd(belief: Belief, views: list[Seen], group: npt.NDArray[np.bool_]) -> 
     pan, centre = camera_in_objects(hypotheses.placement[rows], views[-1].camera_row)
     turn = np.degrees(np.remainder(pan - pan[0] + np.pi, 2 * np.pi) - np.pi)
     spread = np.concatenate([turn[:, None], centre - centre[0]], axis=1)
-    variance = np.diag(covariance) + weight @ spread**2
+    motion = np.array([bounds.motion_sd_deg, *[bounds.motion_sd_mm] * 3])
+    variance = np.diag(covariance) + weight @ spread**2 + (1.0 - 1.0 / len(views)) * motion**2
     sd = np.sqrt(np.maximum(variance, 0.0))
     return dict(zip(("theta_deg", "x_mm", "y_mm", "z_mm"), (float(v) for v in sd), strict=True))
 
 
 def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> Verdict | None:
-    """Whether the run may end."""
+    """Whether the run may end; where its ``wanted`` says something, only if no view can bring that."""
     # A view without any detection shows a bare wall or nothing at all; it says little of which object stands there.
-    if belief.none >= settings.threshold and sum(seen.count > 0 for seen in views) >= _SEEN_VIEWS:
+    enough = _SEEN_VIEWS if len(belief.hypotheses) else _BLIND_VIEWS
+    if belief.none >= settings.threshold and sum(seen.count > 0 for seen in views) >= enough:
         return Verdict(Outcome.UNKNOWN, f"none of the objects explains the views (probability {belief.none:.3f})")
-    verdict = None
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)
         mass = float(belief.probability[group].sum())
         if mass >= settings.threshold and _parts_matched(belief) >= LEAST_PARTS:
-            sd = pose_sd(belief, views, group)
-            short = _too_unsure(sd, settings, _distance_to_parts(world, belief, views))
             why = f"one configuration holds {mass:.4f} of the probability"
-            verdict = Verdict(Outcome.RECOGNISED, f"{why}{short and f'; but {short}'}", final=not short)
-    if verdict is None and len(views) >= settings.max_views:
+            return Verdict(Outcome.RECOGNISED, why, wanted_of_pose(world, belief, views, settings))
+    if len(views) >= settings.max_views:
         many = belief.probability.sum() > 0.5
         return Verdict(
             Outcome.AMBIGUOUS if many else Outcome.NOT_FOUND,
             f"{len(views)} views were taken, and no configuration reached {settings.threshold:g}",
         )
-    if verdict is not None and len(views) >= settings.max_views:
-        return Verdict(verdict.outcome, verdict.why)
-    return verdict
+    return None
 
 
 def _parts_matched(belief: Belief) -> int:
@@ -145,10 +163,15 @@ def _parts_matched(belief: Belief) -> int:
     return sum(int((found.part[0] >= 0).sum()) for found in belief.hypotheses.matches)
 
 
-def _too_unsure(sd: dict[str, float], settings: RecogniserSettings, distance_mm: float) -> str:
-    """What is still wanted of the pose; asked or not, it must be known to a share of the distance to mean a place."""
+def wanted_of_pose(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> str:
+    """In what the leading pose is less sure than asked, for people; empty if in nothing.
+
+    Where nothing is asked, its position is wanted to a share of the distance to the parts, to mean a place at all.
+    """
+    sd = pose_sd(belief, views, leading_group(world, belief, views), world.bounds)
     place = max(sd[k] for k in ("x_mm", "y_mm", "z_mm"))
-    most = settings.pose_sd_mm if settings.pose_sd_mm is not None else _UNSURE_SHARE * distance_mm
+    asked = settings.pose_sd_mm
+    most = asked if asked is not None else _UNSURE_SHARE * _distance_to_parts(world, belief, views)
     if not place <= most:
         return f"its position is unsure by {place:.3g} mm, {most:.3g} is asked"
     if settings.pose_sd_deg is not None and sd["theta_deg"] > settings.pose_sd_deg:
@@ -222,7 +245,7 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)
         pose = pose_of(belief.hypotheses.placement[0], views[-1])
-        sd = pose_sd(belief, views, group)
+        sd = pose_sd(belief, views, group, world.bounds)
         limit = _UNSURE_SHARE * _distance_to_parts(world, belief, views)
         names = {"theta_deg": np.degrees(_UNSURE_SHARE), "x_mm": limit, "y_mm": limit, "z_mm": limit}
         unobservable = tuple(name for name, most in names.items() if sd[name] > most)
@@ -238,6 +261,7 @@ def answer(world: World, belief: Belief, views: list[Seen], verdict: Verdict, pa
         why=verdict.why,
         travel_mm=travel,
         rotation_deg=turned,
+        pose_sure=not verdict.wanted if recognised else None,
     )
 
 

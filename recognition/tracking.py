@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from recognition.association import match, vote_shift
+from recognition.association import BEYOND_PX, NO_VOTES, OpenScale, match, vote_shift
 from recognition.hypotheses import Hypotheses, gather, no_matches, out_of_reach, refine
 from recognition.layout import Layout, compile_layout
 from recognition.likelihood import part_log_odds, view_log_odds
@@ -21,7 +21,7 @@ from recognition.proposals import Proposals, Surroundings, focal_range, surround
 from recognition.rates import DetectionRates
 from recognition.seen import Seen
 from recognition.settings import BenchBounds
-from recognition.visibility import Pairs, Walls, bounding_box, enlarged, parts_in_view, walls_of
+from recognition.visibility import LEAST_PART_PX, Pairs, Walls, bounding_box, parts_in_view, walls_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -29,8 +29,6 @@ IntArray = npt.NDArray[np.int64]
 _REACH_PX = (320.0, 120.0, 60.0)
 """How far a view's picture may lie from its prediction after one, two, three and more views, for 1,280 px width."""
 _REACH_NEW_PX = 260.0
-_BEYOND_PX = 120.0
-"""How far beyond the frame parts are expected when a view is searched."""
 _BEYOND_COST = 40.0
 """What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
 _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
@@ -47,7 +45,7 @@ class World:
 
     layout: Layout
     around: Surroundings
-    walls: list[Walls]
+    walls: Walls
     bounds: BenchBounds
     rates: DetectionRates
 
@@ -151,10 +149,13 @@ def expected_blur(world: World, hypotheses: Hypotheses, views: list[Seen], view:
     seen = views[view]
     width, height = seen.image_size
     low, high = focal_range(world.bounds, width)
-    way = min((abs(seen.zoom - other.zoom) for other in views if other is not seen), default=1.0)
-    focal_sd = np.hypot(_FOCAL_SD, 0.25 * way * np.log(high / low))
+    # A guess under which nothing was matched is still a guess, and it was scaled from a view that is known.
+    told = np.array([(found.part >= 0).any(axis=1) for found in hypotheses.matches])
+    way = np.where(told, np.abs([[other.zoom - seen.zoom] for other in views]), 1.0).min(axis=0)
+    focal_sd = np.hypot(_FOCAL_SD, 0.25 * way * np.log(high / low))[pairs.hypothesis]
     away = np.linalg.norm(pairs.corners_px.mean(axis=1) - np.array([width, height]) / 2, axis=1)
-    unknown = hypotheses.internals[pairs.hypothesis, seen.group, 0] <= 0
+    same = np.array([other.group == seen.group for other in views])
+    unknown = ~told[same].any(axis=0)[pairs.hypothesis]
     return np.where(unknown, np.hypot(_CENTRE_SD * width, focal_sd * away), 0.0)
 
 
@@ -177,7 +178,7 @@ def match_view(
         internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
     found = gather(
-        match(world.layout, pairs, seen, part_gate(world, pairs, loose)),
+        match(world.layout, pairs, seen, part_gate(world, pairs, loose), foremost=foremost),
         seen,
         len(hypotheses),
         world.rates.corner_sd_px,
@@ -244,9 +245,7 @@ def _new_zoom_scales(world: World, views: list[Seen], view: int) -> tuple[float,
     return tuple(float(v) for v in np.exp(np.linspace(-half, half, 2 * steps + 1)))
 
 
-def look_in(
-    world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1, foremost: bool = False
-) -> Hypotheses:
+def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1) -> Hypotheses:
     """Find each hypothesis in a view where it may be displaced: the best image shifts, one child hypothesis for each.
 
     Needed for a new view, whose prediction is uncertain, and for an old view of a place that a new view suggests. At a
@@ -262,20 +261,28 @@ def look_in(
     matched = sum(((m.part >= 0).any(axis=1)).astype(int) for k, m in enumerate(hypotheses.matches) if k != view)
     reach = np.array(_REACH_PX)[np.clip(matched - 1, 0, len(_REACH_PX) - 1)]
     reach = np.where(new, np.maximum(reach, _REACH_NEW_PX), reach) * seen.image_size[0] / 1280.0
-    options, votes = [], []
-    widest = guess * np.array([scales[0], scales[0], 1.0, 1.0])
-    shown = expected_parts(world, hypotheses, views, view, widest, margin_px=-_BEYOND_PX)
-    for scale in scales:
-        internals = guess.copy()
-        internals[:, :2] *= scale
-        pairs = enlarged(shown, guess[:, 2:], scale / scales[0], seen.image_size, _BEYOND_PX)
-        shifts, counts = vote_shift(pairs, seen, n, reach, modes=modes)
-        for mode in range(modes):
-            moved = internals.copy()
-            moved[:, 2:] += shifts[:, mode]
-            options.append(moved)
-            votes.append(np.where(new | (scale == 1.0), counts[:, mode] - 0.3 * abs(np.log(scale)), -np.inf))
-    best = np.argsort(-np.array(votes), axis=0, kind="stable")[:modes]
+    # Which parts face the camera and are not hidden does not depend on the focal length, so the widest tells for all.
+    widest = np.where(new, scales[0], 1.0)
+    pairs = parts_in_view(
+        world.layout,
+        world.walls,
+        hypotheses.object_of,
+        hypotheses.placement,
+        seen.camera_row,
+        guess * np.stack([widest, widest, np.ones(n), np.ones(n)], axis=1),
+        seen.image_size,
+        margin_px=-BEYOND_PX * seen.image_size[0] / 1280.0,
+        least_px=LEAST_PART_PX * scales[0] / scales[-1],
+    )
+    centre = guess[:, 2:].copy()
+    about = centre[pairs.hypothesis][:, None]
+    as_guessed = about + (pairs.corners_px - about) / widest[pairs.hypothesis][:, None, None]
+    open_scale = OpenScale(np.array(scales), new, centre)
+    found = vote_shift(replace(pairs, corners_px=as_guessed), seen, n, reach, modes=modes, scale=open_scale)
+    # Where there are fewer ways than asked for, the best stands for the others.
+    which = np.where(found.votes > NO_VOTES, np.arange(modes), 0).ravel()
     rows = np.repeat(np.arange(n), modes)
-    internals = np.array(options)[best.T.ravel(), rows]
-    return match_view(world, hypotheses.take(rows), views, view, loose=0.25, internals=internals, foremost=foremost)
+    internals = guess[rows]
+    internals[:, :2] *= found.scale[rows, which, None]
+    internals[:, 2:] += found.shift_px[rows, which]
+    return match_view(world, hypotheses.take(rows), views, view, loose=0.25, internals=internals, foremost=True)

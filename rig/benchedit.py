@@ -8,9 +8,9 @@ from typing import Any
 
 import yaml
 
-from rig.bench import BenchFile
+from rig.bench import bench_file
 from rig.errors import InputError
-from rig.schema import BENCH_MAX_BYTES, load_yaml, parse_yaml, validate
+from rig.schema import BENCH_MAX_BYTES, load_yaml, parse_yaml
 
 _KEY = "mount"
 
@@ -26,9 +26,9 @@ def with_mount(bench: Path, values: Mapping[str, float]) -> str:
         InputError: the file is not in order, or its mount is written in a way that cannot be changed by itself.
     """
     document = load_yaml(bench, max_bytes=BENCH_MAX_BYTES)
-    before = validate(BenchFile, document)
+    before = bench_file(document)
     text = _changed(document.text, {name: f"{value:.10g}" for name, value in values.items()})
-    after = validate(BenchFile, parse_yaml(text, str(bench)))
+    after = bench_file(parse_yaml(text, str(bench)))
     if after.mount.model_dump() != dict(values) or after.model_copy(update={_KEY: before.mount}) != before:
         raise InputError(
             "its mount is written in a way that cannot be changed by itself",

@@ -77,8 +77,19 @@ class Demonstration:
 
     @property
     def places_that_fit(self) -> int:
-        """Parts in the model base of a class that the first view shows: places where the camera might be."""
-        return sum(part.part_class in self.in_view for thing in self.models.objects for part in thing.parts)
+        """Places where the camera might be, at most: one for each part of the rarest class that the first view shows.
+
+        It is before one of these, whatever else it shows; with one part in view it may be before any of them.
+        """
+        there = Counter(part.part_class for thing in self.models.objects for part in thing.parts)
+        return min((there[name] for name in self.in_view), default=0)
+
+    @property
+    def first_view(self) -> str:
+        """What the first view shows and how many places that fits, for people."""
+        listed = ", ".join(f"{number} {name}" for name, number in self.in_view.items())
+        most = "" if self.in_view.total() == 1 else "at most "
+        return f"the first view shows {listed or 'no part'}: it fits {most}{self.places_that_fit} places"
 
 
 def prepare(grid: Path, seed: int, progress: Progress = lambda poses: poses) -> Demonstration:

@@ -46,12 +46,12 @@ def import_lightfield(src: Path, dst: Path, step_mm: float = 1.0) -> ImageGrid:
         layout="lattice",
         internals="change_every_view",
     )
-    writer = GridWriter(dst, info)
-    for (row, column), file in sorted(places.items()):
-        data = read_image_bytes(file)
-        decode_image(data, str(file))  # A damaged picture is refused now, not in the middle of a run.
-        pose = RigPose(column * step_mm, row * step_mm, 0.0, 0.0, 0.0)
-        writer.add_bytes(data, {"file": f"images/{file.name}", **asdict(pose)})
+    with GridWriter(dst, info) as writer:
+        for (row, column), file in sorted(places.items()):
+            data = read_image_bytes(file)
+            decode_image(data, str(file))  # A damaged picture is refused now, not in the middle of a run.
+            pose = RigPose(column * step_mm, row * step_mm, 0.0, 0.0, 0.0)
+            writer.add_bytes(data, {"file": f"images/{file.name}", **asdict(pose)})
     return read_grid(dst)
 
 

@@ -126,17 +126,29 @@ def validate(model: type[ModelT], document: Document, *, error: type[InputError]
     Raises:
         InputError: (or the subclass ``error``) listing every problem as ``file:line:column: path.to.key: message``.
     """
+    value, problems = check(model, document)
+    raise_problems(problems, error)
+    if value is None:
+        raise AssertionError("a validation error without details")
+    return value
+
+
+def check(
+    model: type[ModelT], document: Document, *, at: Location = (), without: Sequence[str] = ()
+) -> tuple[ModelT | None, list[Problem]]:
+    """Like `validate`, for the part of a document at a location, some of its keys left out; problems are returned."""
+    data = document.data
+    for name in at:
+        data = data[name]
+    if without:
+        data = {key: value for key, value in data.items() if key not in without}
     try:
         # As JSON, strict mode still takes lists for tuples and text for enumerations, which YAML cannot say otherwise.
-        return model.model_validate_json(json.dumps(document.data), strict=True)
+        return model.model_validate_json(json.dumps(data), strict=True), []
     except ValidationError as failure:
         details = failure.errors(include_url=False)
-        wordings: dict[Wording, None] = dict.fromkeys(
-            describe(model, d, document.data) for d in details if not is_echo(d)
-        )
-        problems = [document.problem(w.location, w.message, w.remedy, key=w.at_key) for w in wordings]
-    raise_problems(problems, error)
-    raise AssertionError("a validation error without details")
+    wordings: dict[Wording, None] = dict.fromkeys(describe(model, d, data) for d in details if not is_echo(d))
+    return None, [document.problem((*at, *w.location), w.message, w.remedy, key=w.at_key) for w in wordings]
 
 
 def load_model(

@@ -119,7 +119,8 @@ class StrictReader:
             raise self._refusal(message, _mark(event), "Remove it, or quote text that begins with '!'.")
 
     def _build(self) -> tuple[Any, Mark]:
-        root = _Open([], Mark(1, 1))
+        documents: list[Any] = []
+        root = _Open(documents, Mark(1, 1))
         stack = [root]
         for event in self._events():
             here = stack[-1]
@@ -134,9 +135,9 @@ class StrictReader:
                     if len(stack) - 1 > MAX_DEPTH:
                         message = f"more than {MAX_DEPTH} levels of nesting"
                         raise self._refusal(message, _mark(event), "Is a closing bracket missing?")
-        if not root.container:
+        if not documents:
             raise self._refusal("the file is empty", root.mark, "Is it the file that you meant?")
-        return root.container[0], root.mark.children.get(0, root.mark)  # type: ignore[index]
+        return documents[0], root.mark.children.get(0, root.mark)
 
     def _new_key(self, event: Any, here: _Open) -> str:
         mark = _mark(event)

@@ -69,6 +69,8 @@ def describe_move(start: RigPose, end: RigPose) -> str:
 def summary(answer: Answer) -> str:
     """The answer in a few lines for a person."""
     lines = [f"{answer.outcome.value}: {plain(answer.object_id)}" if answer.object_id else answer.outcome.value]
+    if answer.pose_sure is False:
+        lines[0] += ", its pose less sure than asked"
     lines.append(plain(answer.why))
     if answer.object_id is None and answer.candidates:
         listed = ", ".join(plain(name) for name in answer.candidates[:5])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -83,7 +84,7 @@ _WALL_COLOURS: dict[str, tuple[Bgr, ...]] = {
 _FRAME_COLOURS: tuple[Bgr, ...] = ((52, 62, 70), (40, 56, 44), (38, 46, 66), (70, 62, 56))
 
 
-def draw_appearance(rng: np.random.Generator, **changes: object) -> Appearance:
+def draw_appearance(rng: np.random.Generator, **changes: Any) -> Appearance:
     """An appearance drawn from a generator: material, colours and the sun's direction; ``changes`` set fields."""
     material = str(rng.choice(MATERIALS))
     walls = _WALL_COLOURS[material]
@@ -94,7 +95,7 @@ def draw_appearance(rng: np.random.Generator, **changes: object) -> Appearance:
         frame_bgr=_FRAME_COLOURS[int(rng.integers(len(_FRAME_COLOURS)))],
         sun=(float(rng.uniform(-1, 1)), -0.7, float(rng.uniform(-1, 1))),
     )
-    return replace(drawn, **changes)  # type: ignore[arg-type]
+    return replace(drawn, **changes)
 
 
 HIGH_CONTRAST = Appearance(

@@ -114,12 +114,12 @@ def simulate(rig: RenderedRig, poses: Iterable[RigPose], dst: Path, *, quality: 
         image_size=rig.size,
         internals="fixed_by_zoom" if rig.internals_fixed_by_zoom else "change_every_view",
     )
-    writer = GridWriter(dst, info)
     suffix = "png" if quality is None else "jpg"
-    for number, pose in enumerate(poses, start=1):
-        rig.move_to(pose)
-        file = f"images/{number:05d}.{suffix}"
-        writer.add(rig.capture(), file, quality=quality, truth=truth_record(rig, file, pose))
+    with GridWriter(dst, info) as writer:
+        for number, pose in enumerate(poses, start=1):
+            rig.move_to(pose)
+            file = f"images/{number:05d}.{suffix}"
+            writer.add(rig.capture(), file, quality=quality, truth=truth_record(rig, file, pose))
     return dst
 
 

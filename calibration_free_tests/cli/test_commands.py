@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 import typer.main
 
+from recognition.modelbase_io import load_model_base
 from rig.cli.app import app
 
 RIG = str(Path(sys.executable).with_name("rig"))
-HEAVY = ("numpy", "cv2", "scipy", "matplotlib", "pydantic", "yaml", "rich", "jinja2")
+HEAVY = ("numpy", "numba", "cv2", "scipy", "matplotlib", "pydantic", "yaml", "rich", "jinja2")
 
 
 def commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -39,7 +40,7 @@ def test_every_command_has_help_with_an_example(path: tuple[str, ...], capsys: p
 
 def test_commands_of_the_design_are_there() -> None:
     names = {" ".join(path) for path in EVERY}
-    assert names >= {"demo", "recognise", "simulate", "report", "replay"}
+    assert names >= {"demo", "recognise", "simulate", "scan", "report", "replay"}
     assert names >= {"model check", "model show", "import lightfield"}
 
 
@@ -87,6 +88,21 @@ def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> N
     with pytest.raises(SystemExit):
         app(["--version"], prog_name="rig")
     assert capsys.readouterr().out.strip() == version("calibration-free-rig")
+
+
+def test_model_check_tells_how_parts_stand_to_their_neighbours(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        app(["model", "check", "architecture", "--links", "--json"], prog_name="rig")
+    found = json.loads(capsys.readouterr().out)["links"]
+    assert {link["from"] for link in found["LH"]} == {
+        part.id for part in load_model_base("architecture").objects[0].parts
+    }
+    first = found["LH"][0]
+    with pytest.raises(SystemExit):
+        app(["model", "check", "architecture", "--links"], prog_name="rig")
+    x, y, z = first["translation_mm"]
+    line = f"{first['from']} to {first['to']}: {x:+.1f}, {y:+.1f}, {z:+.1f} mm, turned by "
+    assert line in capsys.readouterr().out
 
 
 def test_model_check_counts_parts_as_json(capsys: pytest.CaptureFixture[str]) -> None:

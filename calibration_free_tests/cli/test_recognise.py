@@ -108,6 +108,17 @@ def test_paper_mode_brings_its_own_policy_and_threshold(rig: Callable[..., int],
     assert (asked["settings"].policy, asked["settings"].threshold) == ("random", 0.9)
 
 
+@pytest.mark.parametrize("option", ["--pose-sd-mm", "--pose-sd-deg"])
+def test_paper_mode_refuses_to_go_on_for_a_surer_pose(
+    rig: Callable[..., int], asked: dict[str, Any], capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    assert rig("--mode", "paper", option, "3") == 2
+    told = capsys.readouterr().err
+    assert option in told
+    assert "graded" in told
+    assert not asked
+
+
 def test_options_reach_the_loop(rig: Callable[..., int], asked: dict[str, Any]) -> None:
     options = ["--max-views", "3", "--pose-sd-mm", "40", "--pose-sd-deg", "0.2", "--seed", "7", "--threshold", "0.95"]
     assert rig(*options, "--json") == 0

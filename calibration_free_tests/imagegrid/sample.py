@@ -40,9 +40,9 @@ def lattice(
 
 
 def write_grid(folder: Path, poses: Iterable[RigPose], info: GridInfo | None = None, suffix: str = ".png") -> Path:
-    writer = GridWriter(folder, info or GridInfo(provenance="a test"))
-    for number, pose in enumerate(poses):
-        writer.add(frame_at(pose, number), f"images/{number:03d}{suffix}")
+    with GridWriter(folder, info or GridInfo(provenance="a test")) as writer:
+        for number, pose in enumerate(poses):
+            writer.add(frame_at(pose, number), f"images/{number:03d}{suffix}")
     return folder
 
 

@@ -132,8 +132,7 @@ def test_a_full_disk_leaves_the_grid_as_it_was(tmp_path: Path, monkeypatch: pyte
     kept = 0
     for fail_at, pose in enumerate(lattice()[:8]):
         calls = iter(range(100))
-        owner: Any = os if call == "fsync" else Path
-        real = getattr(owner, call)
+        real = getattr(os, call)
 
         def failing(*args: Any, calls: Any = calls, fail_at: int = fail_at, real: Any = real) -> Any:
             if next(calls) == fail_at:
@@ -141,7 +140,7 @@ def test_a_full_disk_leaves_the_grid_as_it_was(tmp_path: Path, monkeypatch: pyte
             return real(*args)
 
         with monkeypatch.context() as patch:
-            patch.setattr(owner, call, failing)
+            patch.setattr(os, call, failing)
             raised = None
             try:
                 writer.add(frame_at(pose, fail_at), f"images/{fail_at}.png", truth={"n": fail_at})
@@ -149,6 +148,7 @@ def test_a_full_disk_leaves_the_grid_as_it_was(tmp_path: Path, monkeypatch: pyte
             except RigError as failure:
                 raised = failure
         assert raised is None or ("No space left" in str(raised) and raised.exit_code == 1)
+        assert len(list(tmp_path.rglob("*.png"))) == kept
         assert not list(tmp_path.rglob("*.part"))
         if kept:
             grid = read_grid(tmp_path)
@@ -163,9 +163,10 @@ def test_half_a_line_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     writer.add(frame_at(lattice()[0]), "0.png")
     fsync, manifest = os.fsync, tmp_path / "frames.jsonl"
     whole = manifest.read_bytes()
+    faults = iter([True])
 
     def torn(handle: int) -> None:
-        if os.path.samestat(os.fstat(handle), manifest.stat()):
+        if os.path.samestat(os.fstat(handle), manifest.stat()) and next(faults, False):
             os.truncate(manifest, len(whole) + 20)
             raise OSError(errno.EIO, "Input/output error")
         fsync(handle)
@@ -181,21 +182,24 @@ def test_half_a_line_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_the_picture_is_on_the_disk_before_its_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trace: list[str] = []
-    fsync, replace = os.fsync, Path.replace
+    fsync, replace = os.fsync, os.replace
 
     def traced_fsync(handle: int) -> None:
         trace.append(f"fsync {Path(f'/proc/self/fd/{handle}').readlink().name}")
         fsync(handle)
 
-    def traced_replace(source: Path, target: Path) -> Path:
+    def traced_replace(source: Path, target: Path) -> None:
         trace.append(f"rename {target.name}")
-        return replace(source, target)
+        replace(source, target)
 
     writer = GridWriter(tmp_path / "grid", GridInfo())
     monkeypatch.setattr(os, "fsync", traced_fsync)
-    monkeypatch.setattr(Path, "replace", traced_replace)
+    monkeypatch.setattr(os, "replace", traced_replace)
     writer.add(frame_at(lattice()[0]), "images/a.png")
-    assert trace == ["fsync .a.png.part", "rename a.png", "fsync images", "fsync frames.jsonl"]
+    assert trace == ["fsync grid", "fsync .a.png.part", "rename a.png", "fsync images", "fsync frames.jsonl"]
+    trace.clear()
+    writer.add(frame_at(lattice()[1]), "images/b.png")
+    assert trace == ["fsync .b.png.part", "rename b.png", "fsync images", "fsync frames.jsonl"]
 
 
 def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path: Path) -> None:

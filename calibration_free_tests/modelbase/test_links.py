@@ -25,6 +25,13 @@ def test_links_join_no_parts_that_face_away_from_each_other() -> None:
     assert all(normals[link.from_id] @ normals[link.to_id] > -0.2 for link in links(thing, neighbours=60))
 
 
+def test_a_link_turns_by_the_angle_between_the_walls_of_its_parts() -> None:
+    thing = load_model_base("architecture").object("GH")
+    face = {part.id: part.face for part in thing.parts}
+    turns = {(face[link.from_id] == face[link.to_id], round(link.turn_deg, 6)) for link in links(thing, neighbours=60)}
+    assert turns == {(True, 0.0), (False, 0.0), (False, 90.0)}
+
+
 def test_a_part_frame_is_right_handed_with_y_down_and_z_into_the_wall() -> None:
     for part in load_model_base("architecture").object("LH").parts:
         rotation, _ = part_frame(part)

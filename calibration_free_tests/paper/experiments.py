@@ -9,7 +9,7 @@ tells how open it really is.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -82,7 +82,7 @@ class StagedRig(RenderedRig):
         pan = np.radians(camera.theta_deg)
         ahead, right = np.array([-np.sin(pan), 0.0, np.cos(pan)]), np.array([np.cos(pan), 0.0, np.sin(pan)])
         centres = {part.id: part.centre_mm for part in self.scene.object_model.parts}
-        away = [np.linalg.norm(centres[p.id] - camera.centre_mm) for p in self.parts()] or [STAND_OFFS_MM[0]]
+        away = [float(np.linalg.norm(centres[p.id] - camera.centre_mm)) for p in self.parts()] or [STAND_OFFS_MM[0]]
         distance = 0.55 * float(np.median(away))
         half = distance * 0.5 * self.size[0] / self.truth().internals.fx
         radius = 0.4 * half
@@ -271,11 +271,11 @@ def run(experiment: Experiment, base: ModelBase, start: Start, *, policy: str = 
     return _scored(rig, start, steps, answer, tuple(a.pose for _, _, a in ends if a.pose is not None))
 
 
-def _drive(steps: object) -> tuple[list[Step], Answer]:
+def _drive(steps: Generator[Step, None, Answer]) -> tuple[list[Step], Answer]:
     taken: list[Step] = []
     while True:
         try:
-            taken.append(next(steps))  # type: ignore[call-overload]
+            taken.append(next(steps))
         except StopIteration as end:
             return taken, end.value
 

@@ -80,7 +80,7 @@ def test_prior_is_the_share_of_area(world: World) -> None:
     assert np.all((handles > 0.8 * 36 * 64) & (handles < 36 * 64))
 
 
-@pytest.mark.parametrize("seed", [3, 5, 7])
+@pytest.mark.parametrize("seed", range(10))
 def test_a_perfect_detector_ends_at_the_right_place(base: ModelBase, seed: int) -> None:
     rig = blank_rig(base, base.objects[seed % 3].id, seed)
     steps, answer = run(recognise_as_paper(rig, base, SETTINGS, detector=TrueDetector(rig)))
@@ -90,6 +90,19 @@ def test_a_perfect_detector_ends_at_the_right_place(base: ModelBase, seed: int) 
     truth = rig.truth().camera_in_object
     assert np.linalg.norm(answer.pose.centre_mm - truth.centre_mm) < 60
     assert all(step.move.why for step in steps if step.move)
+
+
+@pytest.mark.parametrize(("asked_mm", "sure"), [(0.001, False), (1e4, True)])
+def test_no_view_is_taken_for_a_surer_pose_but_the_answer_tells(base: ModelBase, asked_mm: float, sure: bool) -> None:
+    rig = blank_rig(base, "LH", 3)
+    plain, _ = run(recognise_as_paper(rig, base, SETTINGS, detector=TrueDetector(rig)))
+    rig = blank_rig(base, "LH", 3)
+    steps, answer = run(
+        recognise_as_paper(rig, base, replace(SETTINGS, pose_sd_mm=asked_mm), detector=TrueDetector(rig))
+    )
+    assert len(steps) == len(plain)
+    assert (answer.outcome, answer.pose_sure) == (Outcome.RECOGNISED, sure)
+    assert ("no view for the pose's sake" in answer.why) != sure
 
 
 def test_what_is_eliminated_never_comes_back(base: ModelBase, monkeypatch: pytest.MonkeyPatch) -> None:

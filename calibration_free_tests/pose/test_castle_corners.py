@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from recognition import Priors, View, estimate_pose
-from recognition.geometry import CameraPose, wrap_deg
+from recognition.geometry import CameraPose, Pose4, wrap_deg
 
 
 def castle_views(folder: Path, rng: np.random.Generator) -> list[tuple[View, CameraPose]]:
@@ -44,7 +44,8 @@ def test_two_views_with_a_known_move_place_the_camera_in_the_castle(real_data: P
         second = int(rng.choice([k for k in same if k != first]))
         pair = [views[first][0], views[second][0]]
         found = estimate_pose(views=pair, priors=Priors(image_size=(1280, 960)))
-        camera, truth = CameraPose.from_to_camera(found.pose), views[first][1]  # type: ignore[arg-type]
+        assert isinstance(found.pose, Pose4)
+        camera, truth = CameraPose.from_to_camera(found.pose), views[first][1]
         errors.append(
             (np.linalg.norm(camera.centre_mm - truth.centre_mm), abs(wrap_deg(camera.theta_deg - truth.theta_deg)))
         )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -53,7 +55,7 @@ def test_six_degrees_of_freedom_from_clean_corners(points: FloatArray) -> None:
     for internals in (INTERNALS, np.array([3000.0, 2000.0, -500.0, 1500.0])):
         found = estimate_pose(points, picture6(points, POSE6, internals), dof=6)
         poses = [found.pose, *(a.pose for a in found.alternatives)]
-        assert any(np.allclose(p.translation_mm, POSE6.translation_mm, atol=1e-5) for p in poses)
+        assert any(np.allclose(p.translation_mm, POSE6.translation_mm, atol=1e-6) for p in poses)
         assert found.residual_px < 1e-8
         assert found.covariance.shape == (6, 6)
 
@@ -61,7 +63,7 @@ def test_six_degrees_of_freedom_from_clean_corners(points: FloatArray) -> None:
 def test_six_degrees_of_freedom_find_a_camera_that_hangs_upside_down() -> None:
     pose = Pose6.from_angles(-20.0, np.array([0.0, 10.0, 200.0]), roll_deg=10.0, pitch_deg=170.0)
     found = estimate_pose(TWO_FACES, picture6(TWO_FACES, pose), dof=6).pose
-    np.testing.assert_allclose(found.translation_mm, pose.translation_mm, atol=1e-5)
+    np.testing.assert_allclose(found.translation_mm, pose.translation_mm, atol=1e-6)
 
 
 def test_a_planar_part_without_priors_says_what_it_cannot_see() -> None:
@@ -108,14 +110,14 @@ def moved_views(points: FloatArray, pose: Pose4, internals: list[FloatArray], gr
 def test_known_moves_with_locked_zoom_make_a_planar_part_observable() -> None:
     found = estimate_pose(views=moved_views(WINDOW, POSE, [INTERNALS] * 3, "locked"))
     assert found.unobservable == ()
-    assert found.pose.theta_deg == pytest.approx(30.0, abs=1e-5)
-    np.testing.assert_allclose(found.pose.translation_mm, POSE.translation_mm, atol=1e-4)
+    assert found.pose.theta_deg == pytest.approx(30.0, abs=1e-6)
+    np.testing.assert_allclose(found.pose.translation_mm, POSE.translation_mm, atol=1e-6)
 
 
 def test_known_moves_with_free_zoom_give_the_pose_of_the_first_view() -> None:
     zooms = [INTERNALS, INTERNALS * 1.7, np.array([400.0, 402.0, 640.0, 500.0])]
     found = estimate_pose(views=moved_views(TWO_FACES, POSE, zooms, None))
-    np.testing.assert_allclose(found.pose.translation_mm, POSE.translation_mm, atol=1e-5)
+    np.testing.assert_allclose(found.pose.translation_mm, POSE.translation_mm, atol=1e-6)
     np.testing.assert_allclose(found.internals, zooms, rtol=1e-5)
 
 
@@ -127,7 +129,7 @@ def test_six_degrees_of_freedom_take_several_views() -> None:
         seen = (world - camera.centre_mm) @ rotation_y(np.radians(camera.theta_deg)).T
         views.append(View(TWO_FACES, project(seen, INTERNALS), camera, "locked"))
     found = estimate_pose(views=views, dof=6)
-    np.testing.assert_allclose(found.pose.translation_mm, POSE6.translation_mm, atol=1e-5)
+    np.testing.assert_allclose(found.pose.translation_mm, POSE6.translation_mm, atol=1e-6)
 
 
 def test_the_pose_is_that_of_the_frame_in_which_the_points_are_given(rng: np.random.Generator) -> None:
@@ -137,7 +139,7 @@ def test_the_pose_is_that_of_the_frame_in_which_the_points_are_given(rng: np.ran
     moved = POSE.rotation @ far
     np.testing.assert_allclose(there.pose.theta_deg, here.pose.theta_deg, atol=1e-6)
     np.testing.assert_allclose(
-        there.pose.translation_mm, here.pose.translation_mm - here.pose.rotation @ far, atol=1e-4
+        there.pose.translation_mm, here.pose.translation_mm - here.pose.rotation @ far, atol=1e-6
     )
     # The same uncertainty, seen from an origin far away: the pan's error swings it.
     swing = np.eye(4)
@@ -151,7 +153,7 @@ def test_second_minima_are_reported() -> None:
     assert found.residual_px < 1e-8
     assert len(found.alternatives) >= 1
     poses = np.array([p.translation_mm for p in [found.pose, *(a.pose for a in found.alternatives)]])
-    assert np.abs(poses - [5.0, -8.0, 150.0]).max(axis=1).min() < 1e-4
+    assert np.abs(poses - [5.0, -8.0, 150.0]).max(axis=1).min() < 1e-6
 
 
 def test_a_mirrored_picture_is_refused_or_does_not_fit() -> None:
@@ -220,9 +222,9 @@ def test_points_behind_the_camera_cannot_be_the_answer() -> None:
         ([["a", "b", "c"]], [[0, 0]], "numbers"),
     ],
 )
-def test_wrong_shapes_and_numbers_are_refused(points: object, pixels: object, reason: str) -> None:
+def test_wrong_shapes_and_numbers_are_refused(points: Any, pixels: Any, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
-        estimate_pose(points, pixels)  # type: ignore[arg-type]
+        estimate_pose(points, pixels)
 
 
 def test_degrees_of_freedom_other_than_four_and_six_are_refused() -> None:
@@ -234,7 +236,7 @@ def test_degrees_of_freedom_other_than_four_and_six_are_refused() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
 def test_priors_refuse_impossible_widths(field: str, value: float) -> None:
     with pytest.raises(InputError, match="positive"):
-        Priors(**{field: value})  # type: ignore[arg-type]
+        replace(Priors(), **{field: value})
 
 
 @settings(max_examples=20, deadline=None)
@@ -245,7 +247,7 @@ def test_any_clean_view_of_general_points_is_explained_exactly(seed: int) -> Non
     pose = Pose4.of(rng.uniform(-180, 180), np.array([*rng.uniform(-20, 20, 2), rng.uniform(200, 600)]))
     assume(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > 15)
     found = estimate_pose(points, picture(points, pose))
-    np.testing.assert_allclose(found.pose.translation_mm, pose.translation_mm, atol=1e-5)
+    np.testing.assert_allclose(found.pose.translation_mm, pose.translation_mm, atol=1e-6)
 
 
 def test_nothing_here_asks_for_a_calibration() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -42,14 +44,14 @@ def random_internals(rng: np.random.Generator, distance: FloatArray) -> FloatArr
     return np.stack([f, f * aspect, 640 + 30 * rng.standard_normal(len(f)), 480 + 30 * rng.standard_normal(len(f))], 1)
 
 
-def refine(start: FloatArray, pixels: FloatArray, view: npt.NDArray[np.int64], **options: object) -> Refined:
+def refine(start: FloatArray, pixels: FloatArray, view: npt.NDArray[np.int64], **options: Any) -> Refined:
     """``refine_batch`` on the two faces, one weight for all, internals free in each view unless ``group`` is given."""
     h, n = pixels.shape[:2]
     points = np.broadcast_to(np.tile(TWO_FACES, (n // len(TWO_FACES), 1)), (h, n, 3))
-    sigma = float(options.pop("sigma_px", 1.0))  # type: ignore[arg-type]
+    sigma = float(options.pop("sigma_px", 1.0))
     group = options.pop("group", np.arange(3))
     weight = options.pop("weight", np.full((h, n), 1.0 / sigma))
-    return refine_batch(start, points, pixels, weight, view, CAMERAS, group, **options)  # type: ignore[arg-type]
+    return refine_batch(start, points, pixels, weight, view, CAMERAS, group, **options)
 
 
 @pytest.mark.parametrize("group", [[0, 1, 2], [0, 0, 0]])

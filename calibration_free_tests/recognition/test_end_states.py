@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from calibration_free_tests.recognition.synthetic import (
-    BOUNDS,
-    RATES,
     SETTINGS,
     Faults,
     SyntheticRig,
@@ -28,7 +26,8 @@ from calibration_free_tests.recognition.synthetic import (
 )
 from recognition.modelbase import ObjectModel, Part
 from recognition.parts import DetectedPart
-from recognition.settings import RecogniserSettings
+from recognition.rates import DetectionRates
+from recognition.settings import BenchBounds, RecogniserSettings
 from recognition.steps import Answer, Outcome, Step
 
 BASE = three_buildings()
@@ -66,7 +65,8 @@ def test_each_object_is_recognised_from_imperfect_views(number: int, policy: str
 
 
 def test_no_object_is_taken_for_another() -> None:
-    """Twelve runs on dirty views: each is right, or says that it is not sure."""
+    """Twelve runs on dirty views: each is right, or says that it is not sure, and few are not sure."""
+    right = 0
     for seed in range(12):
         thing = BASE.objects[seed % 3]
         places = around_the_corner()
@@ -76,6 +76,8 @@ def test_no_object_is_taken_for_another() -> None:
         if answer.outcome is Outcome.RECOGNISED:
             assert (seed, answer.object_id) == (seed, thing.id)
             assert off(answer, bench)[0] < 60.0
+            right += 1
+    assert right >= 10
 
 
 def test_a_run_goes_on_until_the_pose_is_as_sure_as_asked() -> None:
@@ -88,8 +90,21 @@ def test_a_run_goes_on_until_the_pose_is_as_sure_as_asked() -> None:
     assert max(sure.pose_sd[k] for k in ("x_mm", "y_mm", "z_mm")) <= 2.0
     assert sure.pose_sd["theta_deg"] <= 0.3
     assert len(sharp.taken) > len(rough.taken)
-    assert "sharpens the pose" in steps[-2].move.why  # type: ignore[union-attr]
+    assert steps[-2].move is not None
+    assert "sharpens the pose" in steps[-2].move.why
     assert off(sure, sharp)[0] < 6.0
+    assert sure.pose_sure
+    assert "unsure" not in sure.why
+
+
+@pytest.mark.parametrize(("most", "because"), [(3, "3 views were taken"), (12, "no reachable view makes it surer")])
+def test_a_pose_that_stays_less_sure_than_asked_is_said_beside_the_place(most: int, because: str) -> None:
+    bench = SyntheticRig(BASE.objects[1], around_the_corner()[:5], fixed(), Faults(noise_px=0.3))
+    steps, answer = run(bench, BASE, with_views(SETTINGS, pose_sd_mm=0.01, max_views=most))
+    assert len(steps) == min(most, 5)
+    assert (answer.outcome, answer.object_id, answer.pose_sure) == (Outcome.RECOGNISED, "mill", False)
+    assert "position is unsure" in answer.why
+    assert because in answer.why
 
 
 # --- ambiguous ------------------------------------------------------------------------------------------------------
@@ -328,6 +343,11 @@ def test_leaders_point_at_the_detections_that_they_explain() -> None:
         np.testing.assert_allclose(match.predicted_px, last.parts[match.detection].corners_px, atol=6.0)
 
 
-def test_bounds_and_rates_of_these_tests_are_weak() -> None:
-    assert BOUNDS.distance_max_mm / BOUNDS.distance_min_mm > 20
-    assert RATES.found < 1.0
+@pytest.mark.parametrize("number", range(3))
+def test_a_run_ends_right_where_the_bench_knows_next_to_nothing(number: int) -> None:
+    """Distances from 5 cm to 100 m, any lens from 2 to 120 degrees, a detector of which nothing is known."""
+    knows_nothing = with_views(SETTINGS, bounds=BenchBounds(), rates=DetectionRates())
+    bench = SyntheticRig(BASE.objects[number], around_the_corner(), changing(number), Faults(0.3, 0.05, 1))
+    _, answer = run(bench, BASE, knows_nothing)
+    assert (answer.outcome, answer.object_id) == (Outcome.RECOGNISED, BASE.objects[number].id)
+    assert off(answer, bench)[0] < 45.0

@@ -21,7 +21,7 @@ from recognition.hypotheses import Hypotheses, no_matches
 from recognition.mending import complete, mended, shortfall
 from recognition.parts import DetectedPart
 from recognition.seen import Seen, see
-from recognition.tracking import match_view, rescore, settle
+from recognition.tracking import match_view, rescore, score_view, settle
 
 BASE = three_buildings()
 THING = BASE.objects[0]
@@ -56,7 +56,12 @@ def at_truth(views: list[Seen]) -> Hypotheses:
 
 def only_panes(seen: Seen) -> Seen:
     """The view with the inner outlines alone."""
-    rows = np.arange(1, seen.count, 2)
+    return only(seen, slice(1, None, 2))
+
+
+def only(seen: Seen, which: slice) -> Seen:
+    """The view with some of its detections, each now the foremost of its kind."""
+    rows = np.arange(seen.count)[which]
     return replace(
         seen,
         corners_px=seen.corners_px[rows],
@@ -92,6 +97,40 @@ def test_a_view_matched_to_panes_is_found_anew() -> None:
     # ... and mended, it explains as much as the truth does.
     best = mended(WORLD, stuck, views)
     assert best.log_weight.max() > right.log_weight[0] - 1.0
+
+
+def test_a_view_whose_zoom_was_told_wrong_is_found_anew_by_the_others() -> None:
+    """Completing cannot mend this: nothing in the view stands where it is expected, so it has to be searched again."""
+    views = [view_of(0), view_of(1)]
+    right = settle(WORLD, at_truth(views), views)
+    wrong = replace(
+        right,
+        internals=right.internals * np.array([[[1, 1, 1, 1], [1.25, 1.25, 1, 1]]]),
+        matches=(right.matches[0], no_matches(1, views[1])),
+    )
+    stuck = score_view(WORLD, wrong, views, 1)
+    assert stuck.odds[0, 1] < 0.0
+    assert (complete(WORLD, stuck, views, 1).matches[1].part >= 0).sum() < views[1].count / 2
+    assert mended(WORLD, stuck, views).log_weight.max() > right.log_weight[0] - 1.0
+
+
+def test_an_empty_view_is_nobodys_worst() -> None:
+    """Nothing can be mended where nothing was detected; the view that can be mended is."""
+    views = [view_of(0), view_of(1, panes=True), replace(only(view_of(0), slice(0, 0)), group=2)]
+    every = range(3)
+    seen_as_panes = [views[0], only_panes(views[1]), views[2]]
+    bent = rescore(WORLD, settle(WORLD, at_truth(views), seen_as_panes), views, ())
+    stuck = rescore(WORLD, bent, views, every)
+    right = settle(WORLD, at_truth(views), views)
+    assert mended(WORLD, stuck, views).log_weight.max() > right.log_weight[0] - 1.0
+
+
+def test_not_all_matched_views_are_forgotten_at_once() -> None:
+    """A hypothesis that both views speak against keeps what it has: there would be nothing left to search from."""
+    views = [view_of(0), view_of(1)]
+    both_against = replace(settle(WORLD, at_truth(views), views), odds=np.array([[-1.0, -1.0]]))
+    children = mended(WORLD, both_against, views)
+    assert all((m.part >= 0).any(axis=1).all() for m in children.matches)
 
 
 def test_parts_displaced_against_those_matched_are_found_together() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from calibration_free_tests.recognition.synthetic import (
     INTERNALS,
+    SIZE,
     before_front,
     believed,
     in_rig,
@@ -84,7 +85,7 @@ def test_each_hypothesis_expects_the_parts_that_it_would_see(situation: tuple[Wo
     for k, camera in enumerate(ELSEWHERE):
         # The leading hypothesis is the truth, a few millimetres off.
         assert prediction.expected[k, 0] == pytest.approx(len(visible(BASE.objects[0], camera, INTERNALS)), abs=2)
-        assert prediction.features[k].sum(axis=1) == pytest.approx(prediction.expected[k])
+        assert prediction.pictures[k].cells.sum(axis=1) == pytest.approx(prediction.expected[k])
     assert prediction.expected[2].sum() == 0.0, "with its back to everything nothing is expected"
 
 
@@ -92,27 +93,27 @@ def test_none_of_these_expects_nothing_and_weighs_what_it_weighs(situation: tupl
     prediction = predicted(situation, ELSEWHERE)
     assert prediction.weight[-1] == situation[1].none
     assert (prediction.expected[:, -1] == 0).all()
-    assert all((f[-1] == 0).all() for f in prediction.features)
+    assert all((p.cells[-1] == 0).all() for p in prediction.pictures)
 
 
 def test_a_view_of_nothing_tells_nothing(situation: tuple[World, Belief, list[Seen]]) -> None:
     prediction = predicted(situation, ELSEWHERE)
-    tell = [information_bits(prediction.weight, distances(f, situation[0])) for f in prediction.features]
+    tell = [information_bits(prediction.weight, distances(p, situation[0], SIZE[0])) for p in prediction.pictures]
     assert tell[2] == pytest.approx(0.0, abs=1e-9)
     assert max(tell[:2]) > 0.1
     assert max(tell) <= situation[1].entropy_bits + 1e-6
 
 
 def test_the_same_view_again_would_tell_the_places_little(situation: tuple[World, Belief, list[Seen]]) -> None:
-    again, new = predicted(situation, [FIRST, ELSEWHERE[0]]).features
+    again, new = predicted(situation, [FIRST, ELSEWHERE[0]]).pictures
     weight = predicted(situation, [FIRST]).weight
-    assert information_bits(weight, distances(again, situation[0])) < information_bits(
-        weight, distances(new, situation[0])
+    assert information_bits(weight, distances(again, situation[0], SIZE[0])) < information_bits(
+        weight, distances(new, situation[0], SIZE[0])
     )
 
 
 def test_distances_are_those_of_a_symmetric_comparison(situation: tuple[World, Belief, list[Seen]]) -> None:
-    apart = distances(predicted(situation, ELSEWHERE).features[0], situation[0])
+    apart = distances(predicted(situation, ELSEWHERE).pictures[0], situation[0], SIZE[0])
     assert np.allclose(apart, apart.T)
     assert (np.diag(apart) == 0).all()
     assert apart.max() <= situation[0].rates.view_cap
@@ -144,7 +145,7 @@ def test_some_of_the_candidates_are_as_in_the_whole(situation: tuple[World, Beli
     whole = predicted(situation, ELSEWHERE)
     part = only(whole, np.array([2, 0]))
     assert np.array_equal(part.expected, whole.expected[[2, 0]])
-    assert np.array_equal(part.features[1], whole.features[0])
+    assert np.array_equal(part.pictures[1].cells, whole.pictures[0].cells)
 
 
 def test_a_sample_keeps_the_most_probable_and_all_of_the_probability() -> None:
@@ -172,5 +173,22 @@ def test_hypotheses_two_millimetres_apart_are_told_apart_by_no_view(
     border = [before_front(x) for x in np.arange(250.0, 330.0, 2.0)]
     prediction = predicted((world, pair, views), [*oblique, *border])
     assert prediction.expected.max() > 3.0
-    tell = [information_bits(prediction.weight, distances(f, world)) for f in prediction.features]
+    tell = [information_bits(prediction.weight, distances(p, world, SIZE[0])) for p in prediction.pictures]
     assert max(tell) < 0.15
+
+
+@pytest.mark.parametrize(("group", "told"), [(0, True), (None, False)])
+def test_a_shifted_picture_tells_places_apart_only_where_the_internals_are_known(
+    situation: tuple[World, Belief, list[Seen]], group: int | None, told: bool
+) -> None:
+    """An unknown principal point moves the whole picture as much as a neighbouring place would."""
+    world, belief, views = situation
+    two = belief.hypotheses.take(np.array([0, 0]))
+    two.placement[1] += [0.0, 25.0, 0.0, 0.0]
+    pair = Belief(two, np.array([0.5, 0.5]), 0.0)
+    camera = in_rig(ELSEWHERE[0])
+    there = RigPose(*(float(v) for v in camera.centre_mm), camera.theta_deg)
+    rng = np.random.default_rng(0)
+    pictures = predict(world, pair, views, [there], [group], Mount(), most=40, rng=rng).pictures[0]
+    apart = distances(pictures, world, SIZE[0])[0, 1]
+    assert (apart > 5.0) == told

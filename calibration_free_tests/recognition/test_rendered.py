@@ -41,11 +41,20 @@ def finish(rig: RenderedRig, name: str) -> tuple[list[Step], Answer]:
             return steps, end.value
 
 
-@pytest.mark.parametrize(("thing", "seed"), [("LH", 1), ("GH", 2)])
-def test_a_rendered_building_is_recognised_and_the_camera_placed(thing: str, seed: int) -> None:
-    rig = rendered_rig(draw_scene(load_model_base("architecture"), thing, seed), distances_mm=(150.0, 300.0), seed=seed)
+@pytest.mark.parametrize(
+    ("models", "thing", "seed"),
+    [
+        ("architecture", "LH", 1),
+        ("architecture", "GH", 2),
+        # One of eight buildings, 1,979 windows of one class.
+        ("campus", "dormitory", 1),
+        ("campus", "workshop", 3),
+    ],
+)
+def test_a_rendered_building_is_recognised_and_the_camera_placed(models: str, thing: str, seed: int) -> None:
+    rig = rendered_rig(draw_scene(load_model_base(models), thing, seed), distances_mm=(150.0, 300.0), seed=seed)
     before_some_parts(rig, np.random.default_rng(seed))
-    steps, answer = finish(rig, "architecture")
+    steps, answer = finish(rig, models)
     truth = rig.truth(rig.pose).camera_in_object
     assert (answer.outcome, answer.object_id) == (Outcome.RECOGNISED, thing)
     assert answer.pose is not None

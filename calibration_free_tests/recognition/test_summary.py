@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibration_free_tests.recognition.synthetic import (
+    BOUNDS,
     OBJECT_IN_RIG,
     SETTINGS,
     before_front,
@@ -25,7 +26,17 @@ from recognition.geometry import CameraPose
 from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
 from recognition.steps import Outcome
-from recognition.summary import Verdict, answer, judge, leading_group, places, pose_of, pose_sd, summarise
+from recognition.summary import (
+    Verdict,
+    answer,
+    judge,
+    leading_group,
+    places,
+    pose_of,
+    pose_sd,
+    summarise,
+    wanted_of_pose,
+)
 from rig.hal import Frame, RigPose
 
 BASE = three_buildings()
@@ -51,7 +62,7 @@ def turned(belief: Belief, row: int, pan_deg: float, along_mm: float) -> Belief:
 def test_a_configuration_above_the_threshold_ends_the_run() -> None:
     verdict = judge(WORLD, split(0.995, 0.005), VIEWS, SETTINGS)
     assert verdict is not None
-    assert (verdict.outcome, verdict.final) == (Outcome.RECOGNISED, True)
+    assert (verdict.outcome, verdict.wanted) == (Outcome.RECOGNISED, "")
     assert judge(WORLD, split(0.6, 0.4), VIEWS, SETTINGS) is None
 
 
@@ -63,11 +74,11 @@ def test_the_threshold_is_the_users() -> None:
 def test_a_place_that_is_settled_waits_for_a_pose_as_sure_as_asked() -> None:
     verdict = judge(WORLD, split(1.0), VIEWS, with_views(SETTINGS, pose_sd_mm=0.01))
     assert verdict is not None
-    assert (verdict.outcome, verdict.final) == (Outcome.RECOGNISED, False)
-    assert "position is unsure" in verdict.why
+    assert verdict.outcome is Outcome.RECOGNISED
+    assert "position is unsure" in verdict.wanted
     pan = judge(WORLD, split(1.0), VIEWS, with_views(SETTINGS, pose_sd_mm=1e3, pose_sd_deg=1e-4))
     assert pan is not None
-    assert "pan is unsure" in pan.why
+    assert "pan is unsure" in pan.wanted
 
 
 def test_the_last_view_ends_the_run_whatever_is_left() -> None:
@@ -81,17 +92,45 @@ def test_the_last_view_ends_the_run_whatever_is_left() -> None:
     assert nothing.outcome is Outcome.NOT_FOUND
     unsure = judge(WORLD, split(1.0), VIEWS, replace(last, pose_sd_mm=0.01))
     assert unsure is not None
-    assert unsure.final
+    assert (unsure.outcome, bool(unsure.wanted)) == (Outcome.RECOGNISED, True)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "sure"),
+    [
+        (Verdict(Outcome.RECOGNISED, "because"), True),
+        (Verdict(Outcome.RECOGNISED, "because", wanted="its pan is unsure"), False),
+        (Verdict(Outcome.AMBIGUOUS, "because"), None),
+    ],
+)
+def test_an_answer_tells_whether_the_pose_is_as_sure_as_asked(verdict: Verdict, sure: bool | None) -> None:
+    assert answer(WORLD, split(1.0), VIEWS, verdict, [RigPose(0, 0, 0, 0)]).pose_sure is sure
+
+
+def test_a_verdict_without_what_is_wanted_says_both() -> None:
+    told = Verdict(Outcome.RECOGNISED, "one is left", wanted="its pan is unsure").without("no view helps")
+    assert told.why == "one is left, but its pan is unsure, and no view helps"
+    assert told.wanted
 
 
 def test_none_of_these_ends_the_run_only_after_some_views_that_show_something() -> None:
+    beaten = split(1.0)
+    beaten = replace(beaten, probability=np.zeros(len(beaten.probability)), none=1.0)
+    assert judge(WORLD, beaten, VIEWS[:2], SETTINGS) is None
+    verdict = judge(WORLD, beaten, VIEWS, SETTINGS)
+    assert verdict is not None
+    assert verdict.outcome is Outcome.UNKNOWN
+
+
+def test_where_nothing_could_be_a_part_more_views_are_wanted_before_none_of_these_is_said() -> None:
+    """Windows cut by the frame suggest no place at all; that is no evidence against the objects."""
     nothing = Belief(Hypotheses.empty(), np.empty(0), 1.0)
-    assert judge(WORLD, nothing, VIEWS[:1], SETTINGS) is None
-    verdict = judge(WORLD, nothing, VIEWS, SETTINGS)
+    assert judge(WORLD, nothing, VIEWS, SETTINGS) is None
+    verdict = judge(WORLD, nothing, VIEWS * 2, SETTINGS)
     assert verdict is not None
     assert verdict.outcome is Outcome.UNKNOWN
     bare = [seen_from(BASE, None, camera, group=k) for k, camera in enumerate(CAMERAS)]
-    assert judge(WORLD, nothing, bare, SETTINGS) is None
+    assert judge(WORLD, nothing, bare * 3, SETTINGS) is None
 
 
 def test_companions_are_of_the_same_object_and_nearly_the_same_pose() -> None:
@@ -147,6 +186,22 @@ def test_companions_apart_make_the_pose_less_sure() -> None:
     assert pose_sd(apart, VIEWS, np.array([True, True]))["x_mm"] > alone["x_mm"] + 5.0
 
 
+def test_a_rig_that_reads_back_roughly_makes_the_pose_less_sure_once_it_has_moved() -> None:
+    rough = replace(BOUNDS, motion_sd_mm=6.0, motion_sd_deg=2.0)
+    exact = SURE.hypotheses.take(np.array([0]))
+    sure = Belief(replace(exact, covariance=np.zeros((1, 4, 4))), np.array([1.0]), 0.0)
+    for views in (VIEWS, VIEWS[:1]):
+        told = pose_sd(sure, views, np.array([True]), rough)
+        share = np.sqrt(1.0 - 1.0 / len(views))
+        assert told == pytest.approx(
+            {"theta_deg": 2.0 * share, "x_mm": 6.0 * share, "y_mm": 6.0 * share, "z_mm": 6.0 * share}
+        )
+    assert wanted_of_pose(world_of(BASE), sure, VIEWS, with_views(SETTINGS, pose_sd_mm=1.0)) == ""
+    assert "is unsure by 4.9 mm" in wanted_of_pose(
+        world_of(BASE, bounds=rough), sure, VIEWS, with_views(SETTINGS, pose_sd_mm=1.0)
+    )
+
+
 def test_a_summary_sums_to_one_and_names_the_leaders() -> None:
     frame = Frame(
         np.zeros((480, 640), dtype=np.uint8), rig_pose(in_rig(CAMERAS[-1])), rig_pose(in_rig(CAMERAS[-1])), "", 2
@@ -199,6 +254,6 @@ def test_directions_that_the_views_do_not_determine_are_named() -> None:
 
 
 def test_seen_views_are_counted_whatever_their_order() -> None:
-    views: list[Seen] = [VIEWS[0], seen_from(BASE, None, CAMERAS[1], group=1), *VIEWS[1:]]
+    views: list[Seen] = [VIEWS[0], seen_from(BASE, None, CAMERAS[1], group=1), *VIEWS[1:], *VIEWS]
     nothing = Belief(Hypotheses.empty(), np.empty(0), 1.0)
     assert judge(WORLD, nothing, views, SETTINGS) is not None

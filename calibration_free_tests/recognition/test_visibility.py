@@ -131,6 +131,19 @@ def test_a_wall_in_front_hides_what_is_behind_it() -> None:
     assert seen == {f"far {k}" for k in range(6)} - covered | {"wing 0"}
 
 
+def test_a_part_hidden_in_part_is_not_expected_whole() -> None:
+    """The wing ends before the middle of one far window: its edge still hides that window's left corners."""
+    far = Part("far", "DW4", _window_at(200.0, 600.0), "far")
+    camera = CameraPose(0.0, 290.0, 120.0, -500.0)
+    names_seen = []
+    # A ray to x on the far wall crosses z = 200 at 290 + (x - 290) * 7 / 11: its window at 233 to 258 mm.
+    for end in (228.0, 240.0, 262.0):
+        wing = Face("wing", np.array([[0, 0, 200], [end, 0, 200], [end, 300, 200], [0, 300, 200.0]]))
+        world = world_of(base_of(ObjectModel("l", (far,), (wing,))))
+        names_seen.append(names(world, looking(world, camera)))
+    assert names_seen == [{"far"}, set(), set()]
+
+
 def test_a_wall_seen_from_its_back_hides_nothing() -> None:
     """The back of a courtyard's near wall is not part of the model: only its outside is."""
     part = Part("far", "DW4", _window_at(100.0, 600.0), "far")

@@ -99,8 +99,8 @@ def test_truth_follows_the_projection_equations() -> None:
 def test_coverage_is_the_area_inside_each_pixel() -> None:
     cover = coverage(np.array([[0.25, 0.0], [2.5, 0.0], [2.5, 1.75], [0.25, 1.75]]), (10, 8))
     assert cover is not None
-    columns, rows = np.array([0.25, 1.0, 1.0]), np.array([0.5, 1.0, 0.25])
     columns = np.array([0.25, 1.0, 1.0])  # x from 0.25 to 2.5: pixels 0 (to 0.5), 1 (to 1.5), 2 (to 2.5)
+    rows = np.array([0.5, 1.0, 0.25])  # y from 0 to 1.75, likewise
     assert (cover.x, cover.y) == (0, 0)
     np.testing.assert_allclose(cover.fraction, rows[:, None] * columns[None, :], atol=1e-6)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,8 +26,8 @@ POSES = viewing_poses(MODEL, PLACE, (250.0,), step_mm=120.0, zooms=(0.0, 1.0))
 COURT = ((-240.0, 0.0), (0.0, 0.0), (0.0, 200.0), (240.0, 200.0), (240.0, 400.0), (-240.0, 400.0))
 
 
-def make_rig(offers: Lattice | list[RigPose] = POSES, **changes: object) -> RenderedRig:
-    return RenderedRig(Scene(MODEL, PLACE), limits_around(POSES), offers, size=SIZE, **changes)  # type: ignore[arg-type]
+def make_rig(offers: Lattice | list[RigPose] = POSES, **changes: Any) -> RenderedRig:
+    return RenderedRig(Scene(MODEL, PLACE), limits_around(POSES), offers, size=SIZE, **changes)
 
 
 def test_it_is_a_rig() -> None:

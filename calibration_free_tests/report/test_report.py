@@ -6,6 +6,7 @@ import base64
 import json
 import re
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -14,10 +15,11 @@ import pytest
 
 from calibration_free_tests.scripted_run import CAMERAS, scripted_models, scripted_steps
 from recognition.geometry import Mount
+from recognition.modelbase import Face, ObjectModel, Part
 from rig.errors import InputError
 from rig.report import write_report
-from rig.report.plans import camera_path
-from rig.report.views import MAX_WIDTH, data_uri
+from rig.report.plans import Sightings, camera_path, unfolded
+from rig.report.views import MAX_WIDTH, data_uri, overlay
 from rig.run import RunRecorder, RunStart, Steps, read_run, watch
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>{{7*7}}</svg></title>\x1b[31m'
@@ -131,6 +133,37 @@ def test_camera_path_follows_the_moves_of_the_rig(tmp_path: Path) -> None:
     for found, true in zip(path, CAMERAS, strict=True):
         assert np.allclose(found.centre_mm, true.centre_mm, atol=1e-6)
         assert found.theta_deg == pytest.approx(true.theta_deg)
+
+
+def test_names_of_narrow_walls_do_not_run_into_each_other() -> None:
+    def wall(k: int) -> tuple[Face, Part]:
+        turn = np.radians(30.0 * k)
+        along = np.array([np.cos(turn), 0.0, np.sin(turn)])
+        down = np.array([0.0, 3.0, 0.0])
+        corners = np.array([0 * along, along, along + down, down]) * 40.0 + 500.0 * k
+        name = f"T{k}_tower_on_the_left_of_the_gate_beyond_the_moat"
+        return Face(name, corners), Part(f"window {k}", "DW4", 0.5 * corners + 0.5 * corners.mean(axis=0), name)
+
+    walls = [wall(k) for k in range(8)]
+    thing = ObjectModel("narrow", tuple(part for _, part in walls), tuple(face for face, _ in walls))
+    drawn = str(unfolded(thing, Sightings({}, {})))
+    texts = re.findall(r'<text class="tick" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]+)</text>', drawn)
+    assert len(texts) == 8
+    labels = sorted((float(y), float(x), name) for x, y, name in texts)
+    for (y, x, name), (next_y, next_x, _) in pairwise(labels):
+        # In the page's 12 px font a letter is about 6.5 px wide.
+        assert next_y > y + 12 or next_x > x + 6.5 * len(name)
+
+
+def test_detections_are_not_called_parts(page: str) -> None:
+    assert "13 detections; with tower at front 2.3" in page
+    assert "parts found" not in page
+
+
+def test_no_other_outline_hides_a_detection_that_was_taken_for_a_part() -> None:
+    drawn = re.findall(r'<polygon class="(\w+)"', str(overlay(list(scripted_steps())[1])))
+    assert {"clutter", "expected", "found"} <= set(drawn)
+    assert set(drawn[drawn.index("found") :]) == {"found"}
 
 
 def test_pictures_are_shrunk_to_a_moderate_size() -> None:

@@ -99,6 +99,7 @@ class RigConformance:
     @pytest.mark.parametrize("end", ["lower", "upper"])
     def test_beyond_a_limit_is_refused_by_axis_value_and_limit(self, rig: Rig, axis: str, end: str) -> None:
         if axis == "theta_deg" and goes_round(rig):
+            # Nothing lies beyond limits that meet: such a rig has no poses that this could refuse.
             pytest.skip("the pan goes round")
         limit = getattr(getattr(rig.limits, axis), end)
         value = round(limit) + (-7.0 if end == "lower" else 7.0)

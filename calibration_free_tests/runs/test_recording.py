@@ -69,7 +69,7 @@ def test_result_has_exactly_the_published_keys() -> None:
     result = keeper.result()
     assert set(result) == {
         *("outcome", "object", "candidates", "posterior", "pose", "pose_sd", "unobservable", "views"),
-        *("travel_mm", "rotation_deg"),
+        *("travel_mm", "rotation_deg", "pose_sure"),
     }
     assert set(result["pose"]) == set(result["pose_sd"]) == {"theta_deg", "x_mm", "y_mm", "z_mm"}
     keys = {"rig_pose", "parts_found", "hypotheses_left", "entropy_bits", "seconds", "why"}

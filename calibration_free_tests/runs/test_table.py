@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -74,9 +75,14 @@ def test_summary_names_what_is_left_of_an_undecided_run(tmp_path: Path) -> None:
     assert "± ? mm" in text
 
 
-def test_unbounded_deviation_is_said(tmp_path: Path) -> None:
-    from dataclasses import replace
+def test_a_pose_less_sure_than_asked_is_said_beside_the_object() -> None:
+    answer = watch(scripted_steps(), lambda _: None)
+    assert summary(answer).splitlines()[0] == "recognised: tower"
+    told = summary(replace(answer, pose_sure=False)).splitlines()[0]
+    assert told == "recognised: tower, its pose less sure than asked"
 
+
+def test_unbounded_deviation_is_said() -> None:
     answer = watch(scripted_steps(), lambda _: None)
     text = summary(replace(answer, pose_sd={"theta_deg": math.inf}, unobservable=("tx against u0",)))
     assert "not determined by these views: tx against u0" in text

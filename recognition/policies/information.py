@@ -29,9 +29,9 @@ class InformationPolicy:
             return None
         situation = situation.fewer()
         prediction = situation.predict()
-        place = np.array(
-            [information_bits(prediction.weight, distances(f, situation.world)) for f in prediction.features]
-        )
+        world, width = situation.world, situation.views[-1].image_size[0]
+        apart = (distances(pictures, world, width) for pictures in prediction.pictures)
+        place = np.array([information_bits(prediction.weight, one) for one in apart])
         pose = np.minimum(prediction.pose_bits, _MOST_POSE_BITS)
         if not situation.sure and place.max(initial=0.0) < LEAST_BITS and situation.belief.entropy_bits > 0.1:
             seen_by_all = prediction.expected[:, :-1] @ prediction.weight[:-1]

@@ -16,13 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from recognition.expected import Expected, expect, within_gates
-from recognition.geometry import camera_in_rig, wrap_deg
+from recognition.expected import Expected, cameras_at, expect, within_gates
+from recognition.geometry import wrap_deg
 from recognition.policies import Situation
 from recognition.steps import Move
 from recognition.summary import places
-from recognition.tracking import guess_internals
-from rig.hal import RigPose
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -108,13 +106,8 @@ class Forest:
         rows = np.argsort(label[:_MOST], kind="stable")
         label, weight = label[rows], situation.belief.probability[rows]
         hypotheses = situation.belief.hypotheses.take(rows)
-        cameras = np.array([_row(situation, pose) for pose in situation.candidates])
-        internals = np.array(
-            [
-                guess_internals(world, hypotheses, views, g, pose.zoom)
-                for g, pose in zip(situation.groups, situation.candidates, strict=True)
-            ]
-        )
+        candidates, groups, mount = situation.candidates, situation.groups, situation.mount
+        cameras, internals = cameras_at(world, hypotheses, views, candidates, groups, mount)
         expected = expect(world, hypotheses, cameras, internals, views[-1].image_size)
         _, start, member = np.unique(label, return_index=True, return_inverse=True)
         tops = _most_probable(weight, member)
@@ -240,8 +233,3 @@ def _why(forest: Forest, leaf: Leaf) -> str:
         f"best leaf of {len(forest.tops)} most probable interpretation{'s' if len(forest.tops) > 1 else ''}: it {what} "
         f"(path weight {leaf.weight:.0f}, rotation {leaf.rotation_deg:.0f} degrees)"
     )
-
-
-def _row(situation: Situation, pose: RigPose) -> FloatArray:
-    camera = camera_in_rig(pose, situation.mount)
-    return np.array([np.radians(camera.theta_deg), *camera.centre_mm])

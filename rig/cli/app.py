@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rig.cli import aligning, importing, model, recognising, runs, simulating
+from rig.cli import aligning, benching, importing, model, recognising, runs, scanning, simulating
 from rig.errors import RigError
 
 DONE, FAILED, BAD_INPUT, HARDWARE_FAULT, INTERRUPTED = 0, 1, 2, 3, 130
@@ -80,7 +80,7 @@ def rig(
     """
 
 
-for _module in (recognising, simulating, model, runs, importing, aligning):
+for _module in (recognising, benching, scanning, aligning, simulating, model, runs, importing):
     _module.register(app)
 
 

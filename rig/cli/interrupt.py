@@ -1,4 +1,4 @@
-"""What Ctrl-C does to a run: the first ends it after the view in hand, the second at once."""
+"""What Ctrl-C does: the first press ends a run after the view in hand and holds motion, the second is STOP."""
 
 from __future__ import annotations
 
@@ -7,30 +7,72 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from queue import SimpleQueue
 from types import FrameType
+from typing import Protocol, runtime_checkable
+
+_STOP_S = 15.0
+
+
+@runtime_checkable
+class Halts(Protocol):
+    """Something that moves: a `rig.guard.Guard`."""
+
+    def hold(self) -> object:
+        """Stop motion; a picture being taken is finished."""
+        ...
+
+    def stop(self, by: str) -> object:
+        """STOP, latched."""
+        ...
 
 
 @contextmanager
-def ends_gently() -> Iterator[Callable[[], bool]]:
+def ends_gently(rig: object = None) -> Iterator[Callable[[], bool]]:
     """While inside, SIGINT and SIGTERM are requests; yields a function that says whether one was made.
 
-    A second SIGINT raises KeyboardInterrupt wherever the program is. In a thread other than the main one signals are
-    left as they are.
+    Of a rig that moves (`Halts`) the first also holds the motion; the second stops it for good (STOP, latched), and
+    raises KeyboardInterrupt wherever the program is. In a thread other than the main one signals are left as they are.
     """
+    halts = rig if isinstance(rig, Halts) else None
+    saying = (
+        "holding motion, finishing the picture in hand; Ctrl-C again: STOP"
+        if halts
+        else "finishing this view; press Ctrl-C again to stop at once"
+    )
     asked = threading.Event()
+    # A signal may come while the main thread holds any lock: another thread, begun before, does what it asks for.
+    wishes: SimpleQueue[str] = SimpleQueue()
 
     def ask(number: int, frame: FrameType | None) -> None:
         if asked.is_set():
+            wishes.put("stop")
             raise KeyboardInterrupt
         asked.set()
-        print("finishing this view; press Ctrl-C again to stop at once", file=sys.stderr, flush=True)
+        wishes.put("hold")
+        print(saying, file=sys.stderr, flush=True)
 
     if threading.current_thread() is not threading.main_thread():
         yield asked.is_set
         return
+    helper = threading.Thread(target=_follow, args=(wishes, halts), name="Ctrl-C", daemon=True)
+    helper.start()
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield asked.is_set
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        wishes.put("")
+        helper.join(_STOP_S)
+
+
+def _follow(wishes: SimpleQueue[str], rig: Halts | None) -> None:
+    while wish := wishes.get():
+        if rig is None:
+            continue
+        if wish == "stop":
+            rig.stop("Ctrl-C twice")
+        else:
+            # In a thread of its own, so that a hold that takes long does not delay a STOP.
+            threading.Thread(target=rig.hold, name="hold", daemon=True).start()

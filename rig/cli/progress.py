@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
 Item = TypeVar("Item")
 
 
-def shown(items: Sequence[Item], what: str) -> Iterator[Item]:
-    """Yield the items; on a terminal a bar tells how far it is."""
+def shown(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
+    """Yield the items; on a terminal a bar tells how far it is, and the time left.
+
+    ``total`` is how many there are, where they come one by one.
+    """
     if not sys.stderr.isatty():
         yield from items
         return
     from rich.console import Console
     from rich.progress import track
 
-    yield from track(items, description=what, console=Console(stderr=True), transient=True)
+    yield from track(items, description=what, total=total, console=Console(stderr=True), transient=True)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from recognition.settings import RecogniserSettings
     from recognition.steps import Answer
     from rig.bench import BenchConfig
+    from rig.guard import Guard
     from rig.hal import Rig, RigPose
     from sim_backends.image_grid_rig import ImageGridRig
 
@@ -86,8 +87,7 @@ def demo(
     with nullcontext(grid) if grid is not None else tempfile.TemporaryDirectory(prefix="rig-demo-") as folder:
         print(f"rendering one of the {MODELS} models into an image grid ...", file=stream, flush=True)
         what = prepare(Path(folder), seed, lambda poses: shown(poses, "rendering"))
-        listed = ", ".join(f"{number} {name}" for name, number in what.in_view.items())
-        print(f"the first view shows {listed}: it fits {what.places_that_fit} places", file=stream, flush=True)
+        print(what.first_view, file=stream, flush=True)
         bench = what.bench()
         with open_rig(bench) as rig:
             rig.move_to(rig.nearest(what.start))
@@ -130,13 +130,17 @@ def recognise(
     pose_sd_mm: Annotated[
         float | None,
         typer.Option(
-            "--pose-sd-mm", metavar="MM", help="Go on until the position is this sure. [default: the bench's goal]"
+            "--pose-sd-mm",
+            metavar="MM",
+            help="Go on until the position is this sure; not in paper mode. [default: the bench's goal]",
         ),
     ] = None,
     pose_sd_deg: Annotated[
         float | None,
         typer.Option(
-            "--pose-sd-deg", metavar="DEG", help="Go on until the pan is this sure. [default: the bench's goal]"
+            "--pose-sd-deg",
+            metavar="DEG",
+            help="Go on until the pan is this sure; not in paper mode. [default: the bench's goal]",
         ),
     ] = None,
     seed: Seed = 0,
@@ -146,12 +150,13 @@ def recognise(
     allow_partial: Annotated[
         bool, typer.Option("--allow-partial", help="Go on where the image grid lacks pictures.")
     ] = False,
+    home: Annotated[bool, typer.Option("--home", help="Home a live bench first.")] = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Tell which object stands before the rig, and where the camera is, from as few views as it takes.
 
-    Exit code 0 only if it was recognised; 1 if the run ended undecided.
+    Exit code 0 if it was recognised, be the pose as sure as asked or not; 1 if the run ended undecided.
     """
     import numpy as np
 
@@ -185,6 +190,8 @@ def recognise(
 
     rng = np.random.default_rng([seed, 5])
     with open_rig(config, grid, allow_partial=allow_partial, rng=rng, notice=notice) as rig:
+        if home:
+            _home(rig)
         if start is not None:
             _move_to_start(start, rig)
         settings = on_bench(settings, config)
@@ -192,7 +199,18 @@ def recognise(
     raise typer.Exit(code)
 
 
-def _move_to_start(text: str, rig: ImageGridRig) -> None:
+def _home(rig: ImageGridRig | Guard) -> None:
+    from rig.cli.interrupt import ends_gently
+    from rig.errors import InputError
+    from rig.guard import Guard
+
+    if not isinstance(rig, Guard):
+        raise InputError("a mock bench needs no homing", where="--home", remedy="Leave it out")
+    with ends_gently(rig):
+        rig.home()
+
+
+def _move_to_start(text: str, rig: ImageGridRig | Guard) -> None:
     from rig.errors import InputError, UnreachableError
 
     try:
@@ -201,7 +219,7 @@ def _move_to_start(text: str, rig: ImageGridRig) -> None:
         raise InputError(str(error), where="--start") from error
 
 
-def start_pose(text: str, rig: ImageGridRig) -> RigPose:
+def start_pose(text: str, rig: ImageGridRig | Guard) -> RigPose:
     """The pose that ``--start`` means: that of a picture of the grid, or the reachable one nearest to the pose given.
 
     Raises:
@@ -210,10 +228,15 @@ def start_pose(text: str, rig: ImageGridRig) -> RigPose:
     """
     from rig.errors import InputError
     from rig.hal import RigPose
+    from sim_backends.image_grid_rig import ImageGridRig
 
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
+        if not isinstance(rig, ImageGridRig):
+            raise InputError(
+                f"{text!r} is no pose", where="--start", remedy="A live bench has no pictures: give x,y,z,theta[,zoom]"
+            ) from None
         return rig.grid.frame(text).pose
     if len(values) not in (4, 5):
         raise InputError(
@@ -242,10 +265,20 @@ def chosen(option: str, name: str, group: str) -> str:
 def _settings(
     *, mode: Mode = Mode.GRADED, policy: str | None, threshold: float | None = None, **others: Any
 ) -> RecogniserSettings:
-    """The settings, with what each mode takes where the user chose nothing."""
+    """The settings, with what each mode takes where the user chose nothing.
+
+    Raises:
+        InputError: there is no such policy, or paper mode was asked for a surer pose.
+    """
     from recognition.settings import RecogniserSettings
+    from rig.errors import InputError
 
     paper = mode is Mode.PAPER
+    for option, key in (("--pose-sd-mm", "pose_sd_mm"), ("--pose-sd-deg", "pose_sd_deg")):
+        if paper and others.get(key) is not None:
+            raise InputError(
+                "paper mode takes no view to make the pose surer", where=option, remedy="Leave it out, or take graded"
+            )
     return RecogniserSettings(
         mode="paper" if paper else "graded",
         policy=chosen("--policy", policy or ("paper" if paper else "information"), "rig.policies"),
@@ -293,4 +326,4 @@ def _run(
         version=version("calibration-free-rig"),
     )
     folder = new_run_folder(out, as_json, label, datetime.now())
-    return watch_run(steps_of(rig, models, settings), RunRecorder(folder, start, models), as_json)
+    return watch_run(steps_of(rig, models, settings), RunRecorder(folder, start, models), as_json, rig)

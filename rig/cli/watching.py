@@ -16,15 +16,15 @@ from rig.table import LiveTable, summary
 DONE, NOT_RECOGNISED, INTERRUPTED = 0, 1, 130
 
 
-def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool) -> tuple[int, Answer]:
+def watch_run(steps: Steps, keeper: RunRecorder, as_json: bool, rig: object = None) -> tuple[int, Answer]:
     """Run to the end and return the exit code and the answer.
 
     With ``as_json`` stdout gets the result object and nothing else, in every case in which the run began; what is for
-    people goes to stderr.
+    people goes to stderr. Ctrl-C also holds the rig, if it is one that moves.
     """
     stream = sys.stderr if as_json else sys.stdout
     try:
-        with ends_gently() as stop, LiveTable(stream) as table:
+        with ends_gently(rig) as stop, LiveTable(stream) as table:
             answer = watch(keeper.record(steps, stop), table.show)
         print(summary(answer), file=stream)
     finally:

@@ -3,7 +3,7 @@
 from rig.imagegrid.entry import GridFrame, GridInfo
 from rig.imagegrid.images import decode_image, load_image, read_image_bytes
 from rig.imagegrid.reader import ImageGrid, read_grid
-from rig.imagegrid.writer import GridWriter
+from rig.imagegrid.writer import GridWriter, hold_folder
 
 __all__ = [
     "GridFrame",
@@ -11,6 +11,7 @@ __all__ = [
     "GridWriter",
     "ImageGrid",
     "decode_image",
+    "hold_folder",
     "load_image",
     "read_grid",
     "read_image_bytes",

@@ -71,6 +71,7 @@ class FrameEntry(PoseEntry):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     width: Pixels | None = None
     height: Pixels | None = None
+    size_bytes: Annotated[int, Field(ge=0)] | None = None
     commanded: PoseEntry | None = None
     measured: PoseEntry | None = None
     exposure_s: Seconds | None = None
@@ -96,6 +97,7 @@ class GridFrame:
         sha256: digest of the file's bytes, 64 lower-case hexadecimal digits.
         pose: where the rig stood, as well as it is known; by this pose the picture is offered.
         width, height: in pixels, where the manifest tells them.
+        size_bytes: of the file, where the manifest tells it.
         commanded: what the gantry was told to go to, if that is recorded.
         measured: what it read back at the time, if that is recorded.
         exposure_s: exposure time.
@@ -109,6 +111,7 @@ class GridFrame:
     pose: RigPose
     width: int | None = None
     height: int | None = None
+    size_bytes: int | None = None
     commanded: RigPose | None = None
     measured: RigPose | None = None
     exposure_s: float | None = None
@@ -125,6 +128,7 @@ class GridFrame:
             pose=entry.to_pose(),
             width=entry.width,
             height=entry.height,
+            size_bytes=entry.size_bytes,
             commanded=None if entry.commanded is None else entry.commanded.to_pose(),
             measured=None if entry.measured is None else entry.measured.to_pose(),
             exposure_s=entry.exposure_s,

@@ -64,6 +64,23 @@ def load_image(path: Path, *, sha256: str, size: tuple[int | None, int | None] =
     return decode_image(data, str(path), size)
 
 
+def digest_of(path: Path) -> str | None:
+    """SHA-256 of a picture file; ``None`` if there is none.
+
+    Raises:
+        ImageGridError: it is there and cannot be read: no reason to take it for damaged.
+    """
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except FileNotFoundError:
+        return None
+    except OSError as failure:
+        raise ImageGridError(
+            f"cannot be read: {failure.strerror or failure}", where=str(path), remedy="Check its permissions"
+        ) from failure
+
+
 def read_image_bytes(path: Path) -> bytes:
     """The bytes of a picture file.
 

@@ -91,12 +91,7 @@ def read_grid(folder: Path, *, allow_partial: bool = False) -> ImageGrid:
     if not manifest.is_file():
         what = f"there is no {MANIFEST} in this folder" if folder.is_dir() else "there is no such folder"
         raise ImageGridError(what, where=str(folder), remedy=f"Name an image grid's folder, which holds {MANIFEST}")
-    info = GridInfo()
-    if (folder / INFO).exists():
-        info = load_model(folder / INFO, GridInfo, BENCH_MAX_BYTES, error=ImageGridError)
-    frames, problems, gaps = _read_lines(manifest)
-    problems += _duplicates(frames, manifest) + _other_sizes(frames, info, manifest)
-    problems += _leading_out(frames, folder, manifest)
+    info, frames, problems, gaps = read_manifest(folder)
     present = [frame for frame in frames if (folder / frame.file).is_file()]
     gaps += [_missing_file(frame, manifest) for frame in frames if not (folder / frame.file).is_file()]
     if info.layout == "lattice" and not problems:
@@ -108,6 +103,20 @@ def read_grid(folder: Path, *, allow_partial: bool = False) -> ImageGrid:
     return ImageGrid(folder, tuple(present), info, tuple(str(gap) for gap in gaps))
 
 
+def read_manifest(folder: Path) -> tuple[GridInfo, list[GridFrame], list[Problem], list[Problem]]:
+    """What holds for the grid, its frames, what is wrong, and what is missing because the last line is torn off.
+
+    Raises:
+        ImageGridError: ``grid.yaml`` is wrong, or the manifest cannot be read.
+    """
+    manifest, info = folder / MANIFEST, GridInfo()
+    if (folder / INFO).exists():
+        info = load_model(folder / INFO, GridInfo, BENCH_MAX_BYTES, error=ImageGridError)
+    frames, problems, torn = _read_lines(manifest)
+    problems += _duplicates(frames, manifest) + _other_sizes(frames, info, manifest)
+    return info, frames, problems + _leading_out(frames, folder, manifest), torn
+
+
 def _read_lines(manifest: Path) -> tuple[list[GridFrame], list[Problem], list[Problem]]:
     """The frames, what is wrong, and what is missing because the last line is torn off."""
     frames: list[GridFrame] = []
@@ -117,7 +126,7 @@ def _read_lines(manifest: Path) -> tuple[list[GridFrame], list[Problem], list[Pr
         where = f"{manifest}:{number}"
         if not raw.strip():
             continue
-        outcome = _read_line(raw, where)
+        outcome = read_line(raw, where)
         if isinstance(outcome, FrameEntry):
             frames.append(GridFrame.of(outcome, number))
         elif not raw.endswith(b"\n") and len(raw) <= MAX_LINE_BYTES and not _is_json(raw):
@@ -144,7 +153,8 @@ def _lines(manifest: Path) -> Iterator[tuple[int, bytes]]:
         ) from failure
 
 
-def _read_line(raw: bytes, where: str) -> FrameEntry | list[Problem]:
+def read_line(raw: bytes, where: str) -> FrameEntry | list[Problem]:
+    """One line of a manifest, or what is wrong with it; ``where`` is its file and number."""
     if len(raw) > MAX_LINE_BYTES:
         return [Problem(where, f"the line is longer than {MAX_LINE_BYTES // 1024} KiB", "Is it a manifest?")]
     try:

@@ -1,4 +1,4 @@
-"""Writes image grids so that a crash at any moment leaves a grid that can be read: picture first, then its line."""
+"""Writes image grids so that a crash at any moment leaves one that can be read and go on: picture first, then line."""
 
 from __future__ import annotations
 
@@ -10,47 +10,98 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from rig.errors import ImageGridError, InputError, RigError
 from rig.hal import Frame, Image
+from rig.imagegrid.disk import Disk, TakenBackError, append_line, discard, make_folder, write_whole
 from rig.imagegrid.entry import INFO, MANIFEST, TRUTH, FrameEntry, GridFrame, GridInfo, pose_key
 from rig.imagegrid.images import read_header
+from rig.imagegrid.lock import FolderLock
+from rig.imagegrid.recovery import Progress, Recovered, encoded_line, recover
 from rig.schema_words import describe
 
 
 class GridWriter:
-    """Adds pictures to a new image grid.
+    """Adds pictures to an image grid, and holds its folder meanwhile. A context manager: leaving it lets go.
 
     Each picture is written under a temporary name, flushed to disk, renamed, and only then gets its line in the
-    manifest, which is flushed too: what the manifest lists is whole.
+    manifest, which is flushed too: what the manifest lists is whole. When `add` returns, the picture is acknowledged:
+    neither a kill nor a power loss can take it back.
 
     Args:
-        folder: made if need be; must not hold a grid yet.
+        folder: made if need be.
         info: for ``grid.yaml``.
+        grow: go on with a grid that is there already, mended first if its writer was killed. Otherwise one is refused.
+        retake_damaged: (with ``grow``) check every digest, and strike out pictures that are missing or damaged.
+        lock: on the folder, where the caller has taken it already; it is released with the writer.
+        disk: the calls that change the disk.
+        progress: shows how far the check of a grid that is there already has come.
+
+    Attributes:
+        mended: what had to be done to a grid that was there already, one message each.
 
     Raises:
-        InputError: there is a grid already.
+        InputError: there is a grid already, its internals are others than told, or another process writes there.
+        ImageGridError: the grid that is there is damaged.
         RigError: the folder cannot be written.
     """
 
-    def __init__(self, folder: Path, info: GridInfo) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        info: GridInfo,
+        *,
+        grow: bool = False,
+        retake_damaged: bool = False,
+        lock: FolderLock | None = None,
+        disk: Disk = os,
+        progress: Progress = lambda frames: frames,
+    ) -> None:
         self.folder = folder
-        self._info = info
-        self._files: set[str] = set()
+        self.mended: tuple[str, ...] = ()
+        self._disk, self._info = disk, info
+        self._frames: dict[str, GridFrame] = {}
         self._places: dict[tuple[int, ...], str] = {}
-        if (folder / MANIFEST).exists():
-            raise InputError("holds an image grid already", where=str(folder), remedy="Name another folder")
+        self._lines, self._sound = 0, True
+        self._ready: set[Path] = set()
+        self._lock = lock or hold_folder(folder, disk)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            if not (folder / MANIFEST).exists():
+                write_whole(disk, folder / INFO, yaml_of(info).encode())
+                write_whole(disk, folder / MANIFEST, b"")
+            elif grow:
+                self._take_over(recover(self._lock, disk, retake_damaged=retake_damaged, progress=progress))
+            else:
+                raise InputError("holds an image grid already", where=str(folder), remedy="Name another folder")
         except OSError as failure:
-            why = f"the folder cannot be made ({failure.strerror or failure})"
-            raise InputError(why, where=str(folder), remedy="Name another folder") from failure
-        try:
-            _write_whole(folder / INFO, _info_yaml(info).encode())
-            _write_whole(folder / MANIFEST, b"")
-        except OSError as failure:
-            raise _cannot_write(folder, failure) from failure
+            self.close()
+            raise cannot_write(folder, failure) from failure
+        except RigError:
+            self.close()
+            raise
+
+    @property
+    def frames(self) -> tuple[GridFrame, ...]:
+        """What is in the grid, in the manifest's order."""
+        return tuple(self._frames.values())
+
+    def free_name(self, suffix: str = ".png") -> str:
+        """A file name that neither the manifest nor the folder has yet, counted on: ``images/00017.png``."""
+        number = len(self._frames) + 1
+        while (file := f"images/{number:05d}{suffix}") in self._frames or (self.folder / file).exists():
+            number += 1
+        return file
+
+    def close(self) -> None:
+        """Let others write there. Safe to call twice."""
+        self._lock.release()
+
+    def __enter__(self) -> GridWriter:
+        return self
+
+    def __exit__(self, *exc: Any) -> None:
+        self.close()
 
     def add(
         self,
@@ -79,7 +130,7 @@ class GridWriter:
         extra: dict[str, Any] = {"exposure_s": exposure_s, "exposed_at_s": frame.exposed_at_s, "taken_at": taken_at}
         if frame.commanded != frame.rig_pose:
             extra["commanded"] = asdict(frame.commanded)
-        data = _encode(frame.image, self.folder / file, quality)
+        data = encode_image(frame.image, self.folder / file, quality)
         return self.add_bytes(data, {"file": file, **asdict(frame.rig_pose), **extra}, truth=truth)
 
     def add_bytes(self, data: bytes, entry: Mapping[str, Any], *, truth: Mapping[str, Any] | None = None) -> GridFrame:
@@ -92,22 +143,63 @@ class GridWriter:
         """
         path = self.folder / str(entry.get("file"))
         header = read_header(data, str(path))
-        size = {"width": header.width, "height": header.height}
+        size = {"width": header.width, "height": header.height, "size_bytes": len(data)}
         line = {name: value for name, value in {**entry, **size}.items() if value is not None}
         line["sha256"] = hashlib.sha256(data).hexdigest()
         checked = self._checked(line, path)
+        self._refuse_unsound()
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            _write_whole(path, data)
+            self._lock.note(line)
+            self._make_folder(path.parent)
             if truth is not None:
-                # Before the manifest: a kill in between leaves a truth without a picture, which harms nobody.
-                _append(self.folder / TRUTH, {"file": checked.file, **truth})
-            _append(self.folder / MANIFEST, line)
+                # Before the picture: a kill in between leaves a truth without a picture, which harms nobody.
+                self._append(self.folder / TRUTH, {"file": checked.file, **truth})
+            write_whole(self._disk, path, data)
+            self._append(self.folder / MANIFEST, line)
         except OSError as failure:
-            raise _cannot_write(path, failure) from failure
-        self._files.add(checked.file)
-        self._places[pose_key(checked.to_pose())] = checked.file
-        return GridFrame.of(checked, len(self._files))
+            if self._sound:
+                discard(self._disk, path)
+            raise cannot_write(path, failure) from failure
+        self._lines += 1
+        frame = GridFrame.of(checked, self._lines)
+        self._remember(frame)
+        return frame
+
+    def _append(self, path: Path, line: Mapping[str, Any]) -> None:
+        self._sound = False
+        try:
+            append_line(self._disk, path, encoded_line(line))
+        except TakenBackError:
+            self._sound = True
+            raise
+        self._sound = True
+
+    def _refuse_unsound(self) -> None:
+        if not self._sound:
+            raise RigError(
+                f"{self.folder}: a line could neither be written nor taken back. Open the grid again, which mends it"
+            )
+
+    def _make_folder(self, folder: Path) -> None:
+        if folder not in self._ready:
+            make_folder(self._disk, folder, self.folder)
+            self._ready.add(folder)
+
+    def _take_over(self, found: Recovered) -> None:
+        told = self._info.internals
+        if None not in (told, found.info.internals) and told != found.info.internals:
+            raise InputError(
+                f"the grid's internals are {found.info.internals}, the rig's {told}",
+                where=str(self.folder / INFO),
+                remedy="Name another folder",
+            )
+        self._info, self.mended, self._lines = found.info, found.mended, found.lines
+        for frame in found.frames:
+            self._remember(frame)
+
+    def _remember(self, frame: GridFrame) -> None:
+        self._frames[frame.file] = frame
+        self._places[pose_key(frame.pose)] = frame.file
 
     def _checked(self, line: Mapping[str, Any], path: Path) -> FrameEntry:
         try:
@@ -116,7 +208,7 @@ class GridWriter:
             wording = describe(FrameEntry, failure.errors(include_url=False)[0], line)
             name = ".".join(map(str, wording.location))
             raise ImageGridError(f"{name}: {wording.message}", where=str(path), remedy=wording.remedy) from failure
-        if entry.file in self._files:
+        if entry.file in self._frames:
             raise ImageGridError("is in the grid already", where=str(path), remedy="Give each picture its own name")
         other = self._places.get(pose_key(entry.to_pose()))
         if other is not None:
@@ -132,9 +224,28 @@ class GridWriter:
         return entry
 
 
-def _info_yaml(info: GridInfo) -> str:
-    values = info.model_dump(mode="json", by_alias=True, exclude_none=True)
-    return "".join(f"{key}: {_quoted(value)}\n" for key, value in values.items())
+def hold_folder(folder: Path, disk: Disk = os) -> FolderLock:
+    """Make a folder if need be, and lock it.
+
+    Raises:
+        InputError: it cannot be made, or another process writes there.
+        RigError: it cannot be written.
+    """
+    try:
+        make_folder(disk, folder)
+    except OSError as failure:
+        why = f"the folder cannot be made ({failure.strerror or failure})"
+        raise InputError(why, where=str(folder), remedy="Name another folder") from failure
+    try:
+        return FolderLock(folder, disk)
+    except OSError as failure:
+        raise cannot_write(folder, failure) from failure
+
+
+def yaml_of(values: BaseModel) -> str:
+    """A flat model as YAML, one line a key."""
+    told = values.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return "".join(f"{key}: {_quoted(value)}\n" for key, value in told.items())
 
 
 def _quoted(value: Any) -> str:
@@ -146,7 +257,12 @@ def _quoted(value: Any) -> str:
     return json.dumps(value)
 
 
-def _encode(image: Image, path: Path, quality: int | None) -> bytes:
+def encode_image(image: Image, path: Path, quality: int | None) -> bytes:
+    """A picture as PNG or as JPEG, as the path's ending says.
+
+    Raises:
+        ImageGridError: another ending, or it cannot be encoded.
+    """
     import cv2
 
     if path.suffix not in (".png", ".jpg", ".jpeg"):
@@ -159,50 +275,8 @@ def _encode(image: Image, path: Path, quality: int | None) -> bytes:
     return encoded.tobytes()
 
 
-def _write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is either whole or not there, also after a power loss."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        with temporary.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    _sync_folder(path.parent)
-
-
-def _append(path: Path, line: Mapping[str, Any]) -> None:
-    """Add a line that is either whole or not there; half of one would spoil the next."""
-    before = path.stat().st_size if path.exists() else None
-    try:
-        with path.open("ab") as stream:
-            stream.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError:
-        if path.exists():
-            os.truncate(path, before or 0)
-        raise
-    if before is None:
-        _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename last. Where folders cannot be opened (Windows) the file system has to see to it."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except PermissionError:
-        return
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def _cannot_write(path: Path, failure: OSError) -> RigError:
+def cannot_write(path: Path, failure: OSError) -> RigError:
+    """The one message for a disk that is full or refuses."""
     return RigError(
         f"{path}: cannot be written ({failure.strerror or failure}). Free some space or choose another folder"
     )

@@ -24,6 +24,8 @@ from rig.report import svg
 PLAN_WIDTH, PLAN_HEIGHT = 1060.0, 520.0
 MARGIN = 54.0
 GAP = 26.0
+LETTER = 6.8
+"""Width of a letter of a wall's name."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +103,10 @@ def unfolded(thing: ObjectModel, sightings: Sightings) -> Markup:
     scale = min((PLAN_WIDTH - GAP * len(faces) / rows) / widest, 260.0 / tallest)
     body, y = [], 0.0
     for row in _rows(faces, scale):
-        foot, x, labelled = y + scale * max(_height_mm(face) for face in row), 0.0, -1.0
+        foot, x = y + scale * max(_height_mm(face) for face in row), 0.0
         for face in row:
-            # A name that would run into the one before goes a line lower.
-            lower = x < labelled
-            labelled = labelled if lower else x + 6.6 * len(face.name) + 8
-            body.append(_wall(face, sightings, np.array([x, foot]), scale, 29.0 if lower else 15.0))
-            x += face.width_mm * scale + GAP
+            body.append(_wall(face, sightings, np.array([x, foot]), scale))
+            x += _room(face, scale) + GAP
         y = foot + 2 * GAP
     return svg.canvas(PLAN_WIDTH, y - 0.6 * GAP, body, "The walls unfolded", "plan")
 
@@ -116,7 +115,7 @@ def _rows(faces: Sequence[FlatFace], scale: float) -> list[list[FlatFace]]:
     rows: list[list[FlatFace]] = []
     taken = 0.0
     for face in faces:
-        width = face.width_mm * scale
+        width = _room(face, scale)
         if not rows or taken + width > PLAN_WIDTH:
             rows.append([])
             taken = 0.0
@@ -125,11 +124,16 @@ def _rows(faces: Sequence[FlatFace], scale: float) -> list[list[FlatFace]]:
     return rows
 
 
+def _room(face: FlatFace, scale: float) -> float:
+    """Width that a wall takes: its own, or that of its name, lest names run into each other."""
+    return max(face.width_mm * scale, LETTER * len(face.name))
+
+
 def _height_mm(face: FlatFace) -> float:
     return face.bottom_mm - face.top_mm
 
 
-def _wall(face: FlatFace, sightings: Sightings, foot: FloatArray, scale: float, label_down: float) -> Markup:
+def _wall(face: FlatFace, sightings: Sightings, foot: FloatArray, scale: float) -> Markup:
     """One wall with its lower left corner at ``foot``."""
     x, y = (float(v) for v in foot)
     height = _height_mm(face) * scale
@@ -137,7 +141,7 @@ def _wall(face: FlatFace, sightings: Sightings, foot: FloatArray, scale: float, 
     for part, flat in sorted(face.polygons, key=lambda item: sightings.css(item[0])):
         points = (flat - [face.left_mm, face.bottom_mm]) * scale + foot
         body.append(svg.polygon(points, f"window {sightings.css(part)}", sightings.title(part)))
-    body.append(svg.text(x, y + label_down, face.name, "tick"))
+    body.append(svg.text(x, y + 15.0, face.name, "tick"))
     return Markup("").join(body)
 
 

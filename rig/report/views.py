@@ -35,10 +35,12 @@ def overlay(step: Step) -> Markup:
     height, width = step.frame.image.shape[:2]
     leader = step.belief.leaders[0] if step.belief.leaders else None
     matches = leader.matches if leader else ()
-    body = []
+    expected: list[Markup] = []
+    found: list[Markup] = []
+    clutter: list[Markup] = []
     for match in matches:
         css, state = ("missed", "expected, not found") if match.detection is None else ("expected", "expected")
-        body.append(svg.polygon(match.predicted_px, css, f"{match.part_id}: {state}"))
+        expected.append(svg.polygon(match.predicted_px, css, f"{match.part_id}: {state}"))
     matched = {match.detection: match.part_id for match in matches}
     for number, part in enumerate(step.parts):
         name = matched.get(number)
@@ -46,7 +48,10 @@ def overlay(step: Step) -> Markup:
             f"{part.part_class} {100 * part.class_scores[part.part_class]:.0f} %" if part.class_scores else "no class"
         )
         title = f"{score}, taken for {name}" if name else f"{score}, not explained"
-        body.append(svg.polygon(part.corners_px, "found" if name else "clutter", title))
+        (found if name else clutter).append(svg.polygon(part.corners_px, "found" if name else "clutter", title))
     # Pixel (0, 0) is the centre of the top-left pixel, so the picture's edge lies half a pixel outside.
-    shifted = Markup('<g transform="translate(0.5 0.5)">{}</g>').format(Markup("").join(body))
+    shifted = Markup('<g transform="translate(0.5 0.5)">{}</g>').format(
+        # What counts is drawn last: many other outlines may lie around a part.
+        Markup("").join([*clutter, *expected, *found])
+    )
     return svg.canvas(width, height, [shifted], f"Parts in view {step.index + 1}", "overlay")

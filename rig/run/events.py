@@ -96,6 +96,7 @@ def finish_event(answer: Answer) -> Event:
         "unobservable": list(answer.unobservable),
         "travel_mm": answer.travel_mm,
         "rotation_deg": answer.rotation_deg,
+        "pose_sure": answer.pose_sure,
         "why": answer.why,
     }
 
@@ -145,6 +146,8 @@ def answer_of(event: Event) -> Answer:
         why=str(event["why"]),
         travel_mm=float(event["travel_mm"]),
         rotation_deg=float(event["rotation_deg"]),
+        # A run kept before this was noted does not say.
+        pose_sure=None if event.get("pose_sure") is None else bool(event["pose_sure"]),
     )
 
 

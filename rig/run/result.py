@@ -59,7 +59,13 @@ def result_object(steps: Sequence[Step], answer: Answer) -> dict[str, Any]:
     keys = ("outcome", "object", "candidates", "posterior", "pose", "pose_sd", "unobservable")
     # A run cut short has no covariance: every key is there all the same, as null.
     pose_sd = {key: answer.pose_sd.get(key) for key in POSE_KEYS} if answer.pose else None
-    tail = {"pose_sd": pose_sd, "views": views, "travel_mm": answer.travel_mm, "rotation_deg": answer.rotation_deg}
+    tail = {
+        "pose_sd": pose_sd,
+        "views": views,
+        "travel_mm": answer.travel_mm,
+        "rotation_deg": answer.rotation_deg,
+        "pose_sure": answer.pose_sure,
+    }
     result: dict[str, Any] = finite({key: event[key] for key in keys} | tail)
     return result
 

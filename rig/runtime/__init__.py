@@ -1,0 +1,20 @@
+"""What processes that use one live bench tell each other: who holds it, that it is stopped, that it is homed."""
+
+from rig.runtime.attendance import Attendance, held_benches
+from rig.runtime.folder import runtime_folder
+from rig.runtime.homing import FileHomingMemory
+from rig.runtime.latch import FileLatch
+from rig.runtime.line import ask, listening
+from rig.runtime.telling import status_object, stop_object
+
+__all__ = [
+    "Attendance",
+    "FileHomingMemory",
+    "FileLatch",
+    "ask",
+    "held_benches",
+    "listening",
+    "runtime_folder",
+    "status_object",
+    "stop_object",
+]

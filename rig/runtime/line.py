@@ -1,0 +1,162 @@
+"""The line to a process that holds a bench: a Unix socket that takes STOP, release and status from other processes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import socketserver
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from rig.devices import StopReport
+from rig.errors import HardwareError, InputError, RigError
+from rig.guard import GuardStatus, State
+from rig.runtime.telling import status_object, stop_object
+
+ANSWER_S = 15.0
+"""A STOP may wait for a slow device to be at rest; its first byte went out long before."""
+_ASK_S = 2.0
+_MOST_BYTES = 4096
+
+
+class Attended(Protocol):
+    """What the line reaches: the guard."""
+
+    def stop(self, by: str) -> StopReport:
+        """See `rig.guard.Guard`."""
+        ...
+
+    def release(self) -> State:
+        """See `rig.guard.Guard`."""
+        ...
+
+    def glance(self) -> GuardStatus:
+        """See `rig.guard.Guard`."""
+        ...
+
+
+@contextlib.contextmanager
+def listening(path: Path, bench: str, guard: Attended) -> Iterator[None]:
+    """Answer on a socket while inside, in threads of its own.
+
+    Raises:
+        HardwareError: another process answers there.
+        InputError: the socket cannot be made.
+    """
+    _clear_stale(path)
+    try:
+        server = _Server(str(path), bench, guard)
+    except OSError as failure:
+        raise InputError(
+            f"the socket for STOP cannot be made ({failure.strerror or failure})",
+            where=str(path),
+            remedy="Set XDG_RUNTIME_DIR to a folder of your own, with a short path",
+        ) from failure
+    thread = threading.Thread(target=server.serve_forever, args=(0.05,), name="STOP line", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+        path.unlink(missing_ok=True)
+
+
+def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
+    """Ask whoever holds the bench; ``None`` if nobody does.
+
+    Raises:
+        HardwareError: somebody does, and does not answer in time.
+        RigError: what was asked was refused, and why.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(_ASK_S)
+        try:
+            line.connect(str(path))
+        except OSError:
+            return None
+        line.settimeout(ANSWER_S)
+        try:
+            line.sendall(json.dumps({"what": what, **details}).encode() + b"\n")
+            answer = json.loads(_whole_line(line))
+        except (OSError, ValueError) as failure:
+            raise HardwareError(
+                f"{path}: the process that holds the bench does not answer ({failure}). Use the wired emergency stop, "
+                "then end that process"
+            ) from failure
+    if "refused" in answer:
+        raise RigError(str(answer["refused"]))
+    return dict(answer)
+
+
+class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
+    daemon_threads = True
+
+    def __init__(self, path: str, bench: str, guard: Attended) -> None:
+        self.bench, self.guard = bench, guard
+        super().__init__(path, _Answering)
+
+
+class _Answering(socketserver.StreamRequestHandler):
+    timeout = _ASK_S
+    server: _Server
+
+    def handle(self) -> None:
+        try:
+            asked = json.loads(self.rfile.readline(_MOST_BYTES))
+        except (OSError, ValueError):
+            return
+        if not isinstance(asked, dict):
+            return
+        try:
+            answer = self._answer(asked)
+        except RigError as error:
+            answer = {"refused": str(error)}
+        # Who asked may have gone meanwhile; what was asked is done.
+        with contextlib.suppress(OSError):
+            self.wfile.write(json.dumps(answer).encode() + b"\n")
+
+    def _answer(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        guard, bench = self.server.guard, self.server.bench
+        answers: dict[str, Callable[[], dict[str, Any]]] = {
+            "stop": lambda: stop_object(guard.stop(str(asked.get("by", "by another process")))),
+            "release": lambda: {"state": guard.release().value},
+            "status": lambda: status_object(guard.glance()),
+        }
+        what = asked.get("what")
+        if what not in answers:
+            return {"refused": f"{what!r} is not understood here"}
+        return {"bench": bench, "pid": os.getpid(), **answers[str(what)]()}
+
+
+def _whole_line(line: socket.socket) -> bytes:
+    found = b""
+    while not found.endswith(b"\n"):
+        more = line.recv(_MOST_BYTES)
+        if not more:
+            raise OSError("it hung up")
+        found += more
+    return found
+
+
+def _clear_stale(path: Path) -> None:
+    """Take away the socket of a process that was killed."""
+    if ask_holder(path):
+        raise HardwareError(f"{path.name}: another process holds this bench. Wait until it is done, or stop it")
+    path.unlink(missing_ok=True)
+
+
+def ask_holder(path: Path) -> bool:
+    """Somebody listens there."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(_ASK_S)
+        try:
+            line.connect(str(path))
+        except OSError:
+            return False
+    return True

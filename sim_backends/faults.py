@@ -1,0 +1,266 @@
+"""Fault scripts: what goes wrong between a host and an emulated serial device, and when.
+
+A script is a sequence of `Fault`. Each waits for one trigger (a byte, a message, a time) and acts once. Faults of the
+wire (drop, duplicate, flip, split, delay, garble) are applied by a `FaultyWire`, through which all bytes of both
+directions pass; faults of the device (banner, alarm, unplug, …) are handed by it to the emulator when they are due.
+Times are seconds on the emulator's clock.
+"""
+
+from __future__ import annotations
+
+import enum
+import heapq
+import random
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+class Side(enum.Enum):
+    """Which way a byte goes."""
+
+    TO_DEVICE = "to the device"
+    FROM_DEVICE = "from the device"
+
+
+class FaultKind(enum.Enum):
+    """What can go wrong. A device ignores the kinds that it cannot have."""
+
+    DROP = "drop"
+    """`count` bytes vanish."""
+    DUPLICATE = "duplicate"
+    """`count` bytes arrive, then arrive again."""
+    FLIP = "flip"
+    """One byte arrives with the bits of `mask` flipped."""
+    GARBLE = "garble"
+    """`count` bytes are replaced by noise, drawn from the seed `mask`."""
+    SPLIT = "split"
+    """`count` bytes arrive, the rest of the message `seconds` later."""
+    DELAY = "delay"
+    """This byte and all behind it arrive `seconds` later."""
+    BANNER = "banner"
+    """The controller restarts (brown-out) and says so; the link stays up."""
+    ALARM = "alarm"
+    """The controller raises alarm `number`."""
+    UNPLUG = "unplug"
+    """The cable is pulled, for `seconds` (0: for good)."""
+    HANG = "hang"
+    """The firmware does nothing for `seconds` (0: for good)."""
+    STUCK_AXIS = "stuck axis"
+    """Axis or servo `number` does not follow for `seconds` (0: for good)."""
+    OVERHEAT = "overheat"
+    """Servo `number` becomes too hot."""
+    POWER_CYCLE = "power cycle"
+    """Power goes and comes back after `seconds`; the link stays up, as an adapter that is powered from USB does."""
+
+
+WIRE_KINDS = frozenset(
+    {FaultKind.DROP, FaultKind.DUPLICATE, FaultKind.FLIP, FaultKind.GARBLE, FaultKind.SPLIT, FaultKind.DELAY}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault and its trigger; give exactly one of `at_byte`, `at_message` and `at_s`.
+
+    Attributes:
+        kind: what goes wrong.
+        side: the direction that the trigger counts in, and that a fault of the wire acts on.
+        at_byte: acts on the byte of this number, counted from 0 in its direction.
+        at_message: acts on the first byte after so many boundaries (line ends, packet headers) have passed.
+        at_s: acts at this time; a fault of the wire acts on the first byte that is sent from then on.
+        count, seconds, mask, number: see `FaultKind`.
+    """
+
+    kind: FaultKind
+    side: Side = Side.TO_DEVICE
+    at_byte: int | None = None
+    at_message: int | None = None
+    at_s: float | None = None
+    count: int = 1
+    seconds: float = 0.0
+    mask: int = 1
+    number: int = 0
+
+    def __post_init__(self) -> None:
+        triggers = [t for t in (self.at_byte, self.at_message, self.at_s) if t is not None]
+        if len(triggers) != 1:
+            raise ValueError(f"{self.kind.value}: give one of at_byte, at_message, at_s, not {len(triggers)}")
+        if self.count < 1 or self.seconds < 0.0:
+            raise ValueError(f"{self.kind.value}: count must be at least 1 and seconds not negative")
+
+
+@dataclass(frozen=True, slots=True)
+class WireByte:
+    """A byte on its way.
+
+    Attributes:
+        at_s: when it arrives.
+        value: 0..255.
+        altered: the wire changed or repeated it, or swallowed the byte before it.
+        sent_at_s: when its first bit was sent.
+    """
+
+    at_s: float
+    value: int
+    altered: bool
+    sent_at_s: float
+
+
+@dataclass
+class _Lane:
+    """One direction: what has passed, and which fault of the wire is at work."""
+
+    waiting: list[Fault] = field(default_factory=list)
+    bytes_seen: int = 0
+    messages_seen: int = 0
+    tail: bytes = b""
+    free_at_s: float = 0.0
+    swallowed: bool = False
+    active: Fault | None = None
+    left: int = 0
+    echo: bytearray = field(default_factory=bytearray)
+    noise: random.Random = field(default_factory=lambda: random.Random(0))
+
+
+class FaultyWire:
+    """Both directions of a serial line, with a script of faults. Bytes never overtake each other."""
+
+    def __init__(
+        self, script: Sequence[Fault] = (), *, boundary: bytes = b"\n", seconds_per_byte: float = 10.0 / 115200.0
+    ) -> None:
+        """Set the wire up.
+
+        Args:
+            script: the faults; their order does not matter.
+            boundary: the bytes that `Fault.at_message` counts: a line's end, or the header that opens a packet.
+            seconds_per_byte: how long a byte is on the wire.
+        """
+        self._boundary, self._seconds_per_byte = boundary, seconds_per_byte
+        self._lanes = {side: _Lane() for side in Side}
+        self._due: list[tuple[float, int, Fault]] = []
+        self._serial = 0
+        self.fired: list[Fault] = []
+        for fault in script:
+            self.add(fault)
+
+    def add(self, fault: Fault) -> None:
+        """Add a fault to the script while it runs; triggers count from the beginning, as for all others."""
+        if fault.kind not in WIRE_KINDS and fault.at_s is not None:
+            self._schedule(fault.at_s, fault)
+        else:
+            self._lanes[fault.side].waiting.append(fault)
+
+    def bytes_sent(self, side: Side) -> int:
+        """How many bytes have been sent in a direction: the number of the next one."""
+        return self._lanes[side].bytes_seen
+
+    def carry(self, side: Side, data: bytes, now_s: float) -> list[WireByte]:
+        """Send bytes; returns what will arrive, and when, in order."""
+        arriving: list[WireByte] = []
+        for value in data:
+            arriving += self._carry_byte(self._lanes[side], value, now_s)
+        return arriving
+
+    def due(self, now_s: float) -> list[Fault]:
+        """Faults of the device whose time has come since the last call, in order."""
+        ready = []
+        while self._due and self._due[0][0] <= now_s:
+            ready.append(heapq.heappop(self._due)[2])
+        self.fired += ready
+        return ready
+
+    def next_due_s(self) -> float | None:
+        """When the next fault of the device is due, as far as that is known."""
+        return self._due[0][0] if self._due else None
+
+    def _schedule(self, at_s: float, fault: Fault) -> None:
+        self._serial += 1
+        heapq.heappush(self._due, (at_s, self._serial, fault))
+
+    def _carry_byte(self, lane: _Lane, value: int, now_s: float) -> list[WireByte]:
+        start_s = max(lane.free_at_s, now_s)
+        for fault in [f for f in lane.waiting if _triggered(f, lane, start_s)]:
+            if fault.kind in WIRE_KINDS and lane.active is not None:
+                continue  # one at a time: it acts on the first byte after the other is done
+            lane.waiting.remove(fault)
+            if fault.kind in WIRE_KINDS:
+                lane.active, lane.left, lane.noise = fault, fault.count, random.Random(fault.mask)
+                lane.echo.clear()
+                self.fired.append(fault)
+            else:
+                self._schedule(start_s, fault)
+        lane.bytes_seen += 1
+        lane.tail = (lane.tail + bytes([value]))[-len(self._boundary) :]
+        if lane.tail == self._boundary:
+            lane.messages_seen += 1
+        return self._act(lane, value, start_s)
+
+    def _act(self, lane: _Lane, value: int, start_s: float) -> list[WireByte]:
+        fault = lane.active
+        lane.left -= 1
+        if fault is not None and lane.left <= 0:
+            lane.active = None
+        match fault.kind if fault is not None else None:
+            case FaultKind.DROP:
+                lane.swallowed = True
+                lane.free_at_s = start_s + self._seconds_per_byte
+                return []
+            case FaultKind.DELAY if fault is not None:
+                start_s += fault.seconds
+                lane.active = None
+            case FaultKind.FLIP if fault is not None:
+                value, lane.swallowed, lane.active = (value ^ fault.mask) & 0xFF, True, None
+            case FaultKind.GARBLE:
+                value, lane.swallowed = lane.noise.randrange(256), True
+            case FaultKind.DUPLICATE:
+                lane.echo.append(value)
+        arriving = self._deliver(lane, [value], start_s)
+        if fault is not None and lane.active is None:
+            if fault.kind is FaultKind.SPLIT:
+                lane.free_at_s += fault.seconds
+            if fault.kind is FaultKind.DUPLICATE:
+                lane.swallowed = True
+                arriving += self._deliver(lane, lane.echo, lane.free_at_s)
+        return arriving
+
+    def _deliver(self, lane: _Lane, values: Iterable[int], start_s: float) -> list[WireByte]:
+        arriving = []
+        altered, lane.swallowed = lane.swallowed, False
+        for value in values:
+            lane.free_at_s = start_s + self._seconds_per_byte
+            arriving.append(WireByte(lane.free_at_s, value, altered, start_s))
+            start_s = lane.free_at_s
+        return arriving
+
+
+def _triggered(fault: Fault, lane: _Lane, now_s: float) -> bool:
+    if fault.at_byte is not None:
+        return lane.bytes_seen >= fault.at_byte
+    if fault.at_message is not None:
+        return lane.messages_seen >= fault.at_message
+    return fault.at_s is not None and now_s >= fault.at_s
+
+
+def random_script(
+    rng: np.random.Generator, times_s: Sequence[float], kinds: Sequence[FaultKind], *, alarms: Sequence[int] = (1, 2)
+) -> tuple[Fault, ...]:
+    """One random fault of the given kinds at each of the times, either direction, short counts and pauses."""
+    script = []
+    for at_s in times_s:
+        kind = kinds[int(rng.integers(len(kinds)))]
+        side = Side.TO_DEVICE if rng.random() < 0.5 else Side.FROM_DEVICE
+        mask = 1 << int(rng.integers(8)) if kind is FaultKind.FLIP else int(rng.integers(1 << 30))
+        script.append(
+            Fault(
+                kind,
+                side,
+                at_s=float(at_s),
+                count=int(rng.integers(1, 12)),
+                seconds=float(rng.choice([0.02, 0.2, 1.0, 3.0])),
+                mask=mask,
+                number=int(rng.choice(list(alarms))) if kind is FaultKind.ALARM else int(rng.integers(3)),
+            )
+        )
+    return tuple(script)
