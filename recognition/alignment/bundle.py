@@ -1,8 +1,9 @@
-"""Bundle adjustment with known moves: where points of the target fall in the pictures, and the damped step to a better fit.
+"""Bundle adjustment with known moves: where points of the target fall in the pictures, and steps to a better fit.
 
 Shape legend: M observations, N points, V views, C = 10 common unknowns, S = C + 4 V shared unknowns (C alone where the
-moves are taken as exact). The common unknowns are log fx, log fy/fx, u0, v0, k (one radial term), then the mount's arm_x,
-arm_z (mm), pan zero, roll, pitch (radians). Each view's own four are what its pose as told is off by: theta, x, y, z.
+moves are taken as exact). The common unknowns are log fx, log fy/fx, u0, v0, k (one radial term), then the mount's
+arm_x, arm_z (mm), pan zero, roll, pitch (radians). Each view's own four are what its pose as told is off by: theta, x,
+y, z.
 """
 
 from __future__ import annotations

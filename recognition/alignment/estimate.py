@@ -123,7 +123,7 @@ def estimate_mount(
     priors = _priors(start.common, image_size, unknowns.points, depth, (motion_sd_mm, motion_sd_deg))
     tracks, unknowns, priors, linear, sigma = _refined(tracks, unknowns, moves, priors)
     reduced = reduce(linear, pull(linear, sigma, _TAIL_SD), unknowns, tracks, priors)
-    whitened = np.linalg.inv(reduced.information)[:C, :C]
+    whitened = np.asarray(np.linalg.inv(reduced.information)[:C, :C], dtype=np.float64)
     unit = np.array([1.0, 1.0, *np.degrees(np.ones(3))])
     scale = priors.sd[_WHERE] * unit
     values = unknowns.common[_WHERE] * unit
@@ -159,9 +159,10 @@ def _refuse_hopeless(tracks: Tracks, moves: Moves) -> None:
 
 def _unexplained(share: float) -> DegenerateGeometryError:
     return DegenerateGeometryError(
-        f"the moves do not explain the pictures: at best {share:.0%} of what was matched lies in front of a camera that "
-        "moves as told and keeps its internals. Is an axis or the pan counted with the wrong sign or in other units, did "
-        "zoom, focus or the target change during the scan, or were the pictures cropped or registered afterwards?"
+        f"the moves do not explain the pictures: at best {share:.0%} of what was matched lies in front of a camera "
+        "that moves as told and keeps its internals. Is an axis or the pan counted with the wrong sign or in other "
+        "units, did zoom, focus or the target change during the scan, or were the pictures cropped or registered "
+        "afterwards?"
     )
 
 

@@ -1,4 +1,4 @@
-"""A first guess for the bundle adjustment: focal length and pan zero from a table, points and lever arm linear in them."""
+"""A first guess for the bundle adjustment: focal length and pan zero from a table, the rest linear in them."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -75,7 +75,7 @@ def find_features(image: Image) -> Features:
     for _ in range(halvings):
         grey = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
     # Without precise upscaling, the positions are a quarter of a pixel off, each by its octave.
-    sift = cv2.SIFT_create(_FEATURES, contrastThreshold=0.02, enable_precise_upscale=True)
+    sift = cv2.SIFT.create(_FEATURES, contrastThreshold=0.02, enable_precise_upscale=True)
     found, descriptors = sift.detectAndCompute(grey, None)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
@@ -95,7 +95,7 @@ def follow(features: Sequence[Features], moves: Moves) -> Tracks:
     for a, b in pairs(moves):
         found = match(features[a], features[b])
         if len(found):
-            ends.append(found + [starts[a], starts[b]])
+            ends.append(found + np.array([starts[a], starts[b]]))
     pixels = np.concatenate([f.pixels for f in features])
     view = np.repeat(np.arange(len(features)), np.diff(starts))
     return _joined(pixels, view, np.concatenate(ends))
@@ -117,7 +117,7 @@ def pairs(moves: Moves) -> Iterator[tuple[int, int]]:
 
 
 def match(a: Features, b: Features) -> IntArray:
-    """Index pairs ``(m, 2)`` of features that are each other's best, clearly so, and agree with one epipolar geometry."""
+    """Index pairs ``(m, 2)`` of features that are each other's best, clearly so, with one epipolar geometry."""
     import cv2
 
     none = np.zeros((0, 2), dtype=np.int64)
@@ -148,13 +148,8 @@ def _joined(pixels: FloatArray, view: IntArray, ends: IntArray) -> Tracks:
 
     n = len(pixels)
     links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
-    label = connected_components(links, directed=False)[1]
+    label = np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
     cells, times = np.unique(np.stack([label, view], axis=1), axis=0, return_counts=True)
     bad = np.unique(cells[times > 1, 0])
     good = ~np.isin(label, bad)
     return Tracks.of(pixels[good], view[good], label[good], least=3)
-
-
-def tracks_of(images: Iterable[Image], moves: Moves) -> Tracks:
-    """Tracks of a fixed target through pictures, one for each row of ``moves``."""
-    return follow([find_features(image) for image in images], moves)
