@@ -193,9 +193,10 @@ def _start(tracks: Tracks, moves: Moves, size: tuple[int, int]) -> Guess:
 
 
 def _near(guess: Guess, tracks: Tracks, limit_px: float = _SEEN_PX) -> npt.NDArray[np.bool_]:
-    """``(M,)`` observations of points all of whose observations lie before the camera, and which are not far off."""
-    behind = np.bincount(tracks.point, guess.error_px >= FAR_PX, minlength=tracks.count) > 0
-    return np.asarray((guess.error_px < limit_px) & ~behind[tracks.point])
+    """``(M,)`` observations that are not far off (or behind the camera), of points most of which are not."""
+    near = guess.error_px < limit_px
+    share = np.bincount(tracks.point, near, minlength=tracks.count) / np.bincount(tracks.point, minlength=tracks.count)
+    return np.asarray(near & (share[tracks.point] > 0.5))
 
 
 def _priors(

@@ -20,6 +20,7 @@ FAR_PX = 50.0
 
 _FOCAL_WIDTHS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.9, 3.8, 5.0)
 _PANS_DEG = np.arange(-180.0, 180.0, 10.0)
+_ROUNDS, _FAR_OFF_PX = 4, 5.0
 _STIFF = 1e-6  # of the information: what nothing determines stays near zero instead of running away
 
 
@@ -66,14 +67,15 @@ def triangulate(common: FloatArray, tracks: Tracks, moves: Moves, *, with_arm: b
     by_point, by_arm = across @ pan, -across[:, :, [0, 2]]
     right = np.einsum("mki,mi->mk", by_point, seen_from)
     first = np.searchsorted(tracks.point, np.arange(tracks.count))
-    arm, depth = common[[ARM_X, ARM_Z]], one
-    for _ in range(3):
-        # The rows' error is that of the pixel times the depth, which the round before has told.
-        points, arm = _solve(by_point, by_arm, right, 1.0 / depth, first, None if with_arm else arm)
+    arm, weight = common[[ARM_X, ARM_Z]], one
+    for _ in range(_ROUNDS):
+        points, arm = _solve(by_point, by_arm, right, weight, first, None if with_arm else arm)
         turned = np.einsum("mij,mj->mi", pan, points[tracks.point] - seen_from) - [arm[0], 0.0, arm[1]]
         cam = turned @ hung.T
         depth = np.maximum(np.abs(cam[:, 2]), 1e-3 * np.median(np.abs(cam[:, 2])) + 1e-9)
-    error = np.linalg.norm((cam[:, :2] / depth[:, None] - ray) * f, axis=1)
+        error = np.linalg.norm((cam[:, :2] / depth[:, None] - ray) * f, axis=1)
+        # The rows' error is that of the pixel times the depth; and one wrong match must not spoil its whole point.
+        weight = 1.0 / (depth * np.hypot(1.0, error / _FAR_OFF_PX))
     common = common.copy()
     common[[ARM_X, ARM_Z]] = arm
     return Guess(common, points, np.where(cam[:, 2] > 0, np.minimum(error, FAR_PX), FAR_PX))
