@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -39,7 +40,7 @@ def wall(rng: np.random.Generator, points: int = 300, depth_mm: float = 400.0, r
 
 
 def moved_by_chance(
-    poses: list[RigPose], rng: np.random.Generator, sd_mm: float, sd_deg: float
+    poses: Sequence[RigPose], rng: np.random.Generator, sd_mm: float, sd_deg: float
 ) -> list[RigPose]:
     """Where the rig really stands if it is told to go to these poses."""
     return [
