@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +67,10 @@ def align(
         progress: shows how far the reading is while it hands the frames on.
 
     Raises:
-        InputError: no picture was taken at that zoom.
+        InputError: no picture was taken at that zoom, or the camera's internals are said to change with every view.
         DegenerateGeometryError: nothing can be estimated; tells why and what to scan instead.
     """
+    _refuse_changing(grid, bench)
     zoom, frames = _of_one_zoom(grid, zoom)
     left_out = len(frames) - most_views
     frames = [frames[int(k)] for k in np.linspace(0, len(frames) - 1, min(most_views, len(frames))).round()]
@@ -89,7 +90,7 @@ def align(
         motion_sd_mm=max(trust.sd_mm, MOTION_SD_MM),
         motion_sd_deg=max(trust.sd_deg, MOTION_SD_DEG),
     )
-    return Alignment(estimate, zoom, len(frames), _notices(grid, left_out, most_views), _merged(bench.mount, estimate))
+    return Alignment(estimate, zoom, len(frames), _notices(left_out, most_views), _merged(bench.mount, estimate))
 
 
 def _of_one_zoom(grid: ImageGrid, zoom: float | None) -> tuple[float, list[GridFrame]]:
@@ -102,21 +103,23 @@ def _of_one_zoom(grid: ImageGrid, zoom: float | None) -> tuple[float, list[GridF
     return chosen, frames
 
 
-def _notices(grid: ImageGrid, left_out: int, most_views: int) -> tuple[str, ...]:
-    notices = []
-    if left_out > 0:
-        notices.append(f"{most_views} of {most_views + left_out} pictures were used; --views takes more")
-    if grid.info.internals == "change_every_view":
-        notices.append(
-            "the grid says that its camera's internals change with every view. Aligning takes them for fixed: "
-            "do not trust the values unless you know better"
-        )
-    return tuple(notices)
+def _refuse_changing(grid: ImageGrid, bench: BenchConfig) -> None:
+    for told, where in ((grid.info.internals, str(grid.folder)), (bench.file.camera.internals, bench.name)):
+        if told == "change_every_view":
+            raise InputError(
+                "says that the camera's internals change with every view; aligning needs the same in all",
+                where=where,
+                remedy="Lock zoom and focus, scan again, and say `fixed_by_zoom`",
+            )
+
+
+def _notices(left_out: int, most_views: int) -> tuple[str, ...]:
+    if left_out <= 0:
+        return ()
+    return (f"{most_views} of {most_views + left_out} pictures were used; --views takes more",)
 
 
 def _merged(before: Mount, estimate: MountEstimate) -> Mount:
-    from dataclasses import replace
-
     found = {name: round(v, _DIGITS) for name, v in estimate.values.items() if name not in estimate.open}
     return replace(before, **found)
 
@@ -136,7 +139,8 @@ def report(found: Alignment) -> str:
     e = found.estimate
     lines = [
         f"{found.views} views at zoom {found.zoom:g}: {e.points:,} points of the target seen {e.observations:,} times, "
-        f"fitted to {e.residual_px:.2f} px; {e.explained:.0%} of the matches agree.",
+        f"fitted to {e.residual_px:.2f} px; {e.explained:.0%} of the matches agree. "
+        f"Moves are trusted to {e.off.mm:.2g} mm and {e.off.deg:.2g} degrees.",
         "",
         f"{'':14}{'estimate':>10}{'sd':>10}",
     ]
@@ -159,6 +163,7 @@ def as_json(found: Alignment) -> Mapping[str, Any]:
         "points": e.points,
         "observations": e.observations,
         "agreeing": round(e.explained, 4),
+        "motion": {"sd_mm": round(e.off.mm, 4), "sd_deg": round(e.off.deg, 4)},
         "residual_px": round(e.residual_px, 4),
         "estimate": {name: round(value, 6) for name, value in e.values.items()},
         "sd": {name: round(value, 6) for name, value in e.sd.items()},

@@ -39,9 +39,7 @@ def wall(rng: np.random.Generator, points: int = 300, depth_mm: float = 400.0, r
     return np.stack([x, y, depth_mm + 0.15 * x + 0.05 * y + rng.normal(0, relief_mm, points)], axis=1)
 
 
-def moved_by_chance(
-    poses: Sequence[RigPose], rng: np.random.Generator, sd_mm: float, sd_deg: float
-) -> list[RigPose]:
+def moved_by_chance(poses: Sequence[RigPose], rng: np.random.Generator, sd_mm: float, sd_deg: float) -> list[RigPose]:
     """Where the rig really stands if it is told to go to these poses."""
     return [
         replace(

@@ -11,7 +11,7 @@ Y_IS_SILENT = (
 )
 
 _WIDE_PAN_DEG = 10.0
-_SHARP_PX, _MOST_AGREE = 1.5, 0.8
+_SHARP_PX, _MOST_AGREE, _MUCH_WORSE = 1.5, 0.8, 2.0
 
 
 def advice(estimate: MountEstimate) -> tuple[str, ...]:
@@ -23,10 +23,18 @@ def advice(estimate: MountEstimate) -> tuple[str, ...]:
     angles = [name for name in ("pan_zero_deg", "roll_deg", "pitch_deg") if name in estimate.open]
     if angles:
         told.append(f"{_and(angles)}: {_about_angles(estimate, angles)}")
+    for unit, name in (("mm", "x, y and z"), ("degrees", "the pan")):
+        expected, off = ((s.mm if unit == "mm" else s.deg) for s in (estimate.told, estimate.off))
+        if off > _MUCH_WORSE * expected:
+            told.append(
+                f"{name} were off by {off:.2g} {unit} (sd), not by {expected:.2g} as was expected. The sds above reckon "
+                "with it; but if that is no chance (a wrong scale or gear ratio, a slipping screw), values are off by "
+                "more. Mend it, or say so in the bench file's `motion`"
+            )
     if estimate.residual_px > _SHARP_PX:
         told.append(
-            f"the fit is poor ({estimate.residual_px:.1f} px): pictures may be blurred, the target may have moved, or "
-            "the moves are off by more than the bench's `motion` says. Expect values to be off by more than their sd"
+            f"the fit is poor ({estimate.residual_px:.1f} px): pictures may be blurred, or the target may have moved. "
+            "Expect values to be off by more than their sd"
         )
     if estimate.explained < _MOST_AGREE:
         told.append(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from recognition.alignment.bundle import (
     C,
     Linear,
     Priors,
+    Reduced,
     Unknowns,
     adjust,
     keep,
@@ -56,9 +57,23 @@ _LEAST_VIEWS, _LEAST_POINTS = 3, 20
 _START_POINTS, _MOST_POINTS = 200, 1000
 _GUESSES = 6
 _START_SIGMA_PX, _TAIL_SD, _CUT_SD = 1.0, 3.0, 4.5
+_MOTION_ROUNDS = 3
 _OPEN = 0.2  # of the prior's sd: what stays less sure than this is as good as not seen
 _SEEN_PX = 10.0  # an observation further off than this was never of that point
 _LEAST_EXPLAINED = 0.5
+_ODD_ASPECT = 0.05
+_ASK = (
+    "Is an axis or the pan counted with the wrong sign or in other units, did zoom, focus or the target change during "
+    "the scan, or were the pictures cropped or registered afterwards?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSd:
+    """How far moves are off what is told: standard deviations per linear axis, and of the pan."""
+
+    mm: float
+    deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +88,7 @@ class MountEstimate:
         residual_px: standard deviation of one pixel coordinate about the fit.
         points, observations: of the target, that the fit rests on; explained: share of all observations that it keeps.
         moves: of the scan.
+        told, off: how far the moves were trusted, and how far they were off; no less than what was told.
     """
 
     values: Mapping[str, float]
@@ -83,6 +99,8 @@ class MountEstimate:
     observations: int
     explained: float
     moves: Moves = field(repr=False)
+    told: MotionSd
+    off: MotionSd
 
     @property
     def sd(self) -> Mapping[str, float]:
@@ -104,7 +122,8 @@ def estimate_mount(
         tracks: where points of a fixed target were seen.
         moves: where the rig stood, one row a view.
         image_size: width and height, px.
-        motion_sd_mm, motion_sd_deg: how far the moves may be trusted, per axis; both 0: exactly.
+        motion_sd_mm, motion_sd_deg: how far the moves may be trusted, per axis; both 0: exactly. Where the pictures
+            show that they are off by more, that is reckoned with instead.
 
     Raises:
         DegenerateGeometryError: nothing can be estimated at all: no translation, too few views or matches, or moves
@@ -122,8 +141,10 @@ def estimate_mount(
     depth = float(np.median(linearise(unknowns, tracks, moves).depth))
     priors = _priors(start.common, image_size, unknowns.points, depth, (motion_sd_mm, motion_sd_deg))
     tracks, unknowns, priors, linear, sigma = _refined(tracks, unknowns, moves, priors)
-    reduced = reduce(linear, pull(linear, sigma, _TAIL_SD), unknowns, tracks, priors)
-    whitened = np.asarray(np.linalg.inv(reduced.information)[:C, :C], dtype=np.float64)
+    # Derivatives at the moves as told: what the rig did by chance does not count as a move.
+    told = linearise(replace(unknowns, motion=np.zeros_like(unknowns.motion)), tracks, moves)
+    whitened = _whitened(reduce(told, pull(linear, sigma, _TAIL_SD), unknowns, tracks, priors))[:C, :C]
+    _refuse_strange(unknowns.common, whitened, priors)
     unit = np.array([1.0, 1.0, *np.degrees(np.ones(3))])
     scale = priors.sd[_WHERE] * unit
     values = unknowns.common[_WHERE] * unit
@@ -137,7 +158,14 @@ def estimate_mount(
         observations=len(tracks.pixels),
         explained=len(tracks.pixels) / total,
         moves=moves,
+        told=MotionSd(motion_sd_mm, motion_sd_deg),
+        off=MotionSd(float(priors.motion_sd[1]), float(np.degrees(priors.motion_sd[0]))),
     )
+
+
+def _whitened(reduced: Reduced) -> FloatArray:
+    """``(S, S)`` covariance of the shared unknowns in units of their priors' sd."""
+    return np.asarray(np.linalg.inv(reduced.information), dtype=np.float64)
 
 
 def _refuse_hopeless(tracks: Tracks, moves: Moves) -> None:
@@ -160,10 +188,17 @@ def _refuse_hopeless(tracks: Tracks, moves: Moves) -> None:
 def _unexplained(share: float) -> DegenerateGeometryError:
     return DegenerateGeometryError(
         f"the moves do not explain the pictures: at best {share:.0%} of what was matched lies in front of a camera "
-        "that moves as told and keeps its internals. Is an axis or the pan counted with the wrong sign or in other "
-        "units, did zoom, focus or the target change during the scan, or were the pictures cropped or registered "
-        "afterwards?"
+        f"that moves as told and keeps its internals. {_ASK}"
     )
+
+
+def _refuse_strange(common: FloatArray, whitened: FloatArray, priors: Priors) -> None:
+    aspect, sd = float(common[LOG_ASPECT]), float(np.sqrt(whitened[LOG_ASPECT, LOG_ASPECT])) * priors.sd[LOG_ASPECT]
+    if abs(aspect) > max(_ODD_ASPECT, 3.0 * sd):
+        raise DegenerateGeometryError(
+            f"the moves explain the pictures only if pixels are {np.exp(-aspect):.2f} times as high as wide, which "
+            f"those of no camera are. {_ASK}"
+        )
 
 
 def _longest(tracks: Tracks, most: int) -> Tracks:
@@ -219,7 +254,7 @@ def _priors(
 def _refined(
     tracks: Tracks, unknowns: Unknowns, moves: Moves, priors: Priors
 ) -> tuple[Tracks, Unknowns, Priors, Linear, float]:
-    """The fit to all points: twice with the noise re-estimated, and without what is far off the second time."""
+    """The fit to all points: noise of pixels and moves re-estimated, and without what is far off from then on."""
     sigma = _START_SIGMA_PX
     for last in (False, True):
         unknowns, linear, _ = adjust(unknowns, tracks, moves, priors, sigma_px=sigma, tail_sd=_TAIL_SD, iterations=60)
@@ -228,8 +263,18 @@ def _refined(
         if not last:
             tracks, left = tracks.take(away < _CUT_SD * sigma)
             unknowns, priors = keep(unknowns, priors, left)
-    unknowns, linear, _ = adjust(unknowns, tracks, moves, priors, sigma_px=sigma, tail_sd=_TAIL_SD, iterations=20)
+    told = priors.motion_sd
+    for _ in range(0 if priors.exact_moves else _MOTION_ROUNDS):
+        reduced = reduce(linear, pull(linear, sigma, _TAIL_SD), unknowns, tracks, priors)
+        priors = replace(priors, motion_sd=np.maximum(told, _spread(unknowns.motion, _whitened(reduced), priors)))
+        unknowns, linear, _ = adjust(unknowns, tracks, moves, priors, sigma_px=sigma, tail_sd=_TAIL_SD, iterations=20)
     return tracks, unknowns, priors, linear, sigma
+
+
+def _spread(motion: FloatArray, whitened: FloatArray, priors: Priors) -> FloatArray:
+    """``(4,)`` sd of the moves' errors, one for the pan and one for the three axes (a step of EM)."""
+    square = (motion**2).mean(axis=0) + np.diag(whitened)[C:].reshape(-1, 4).mean(axis=0) * priors.motion_sd**2
+    return np.sqrt([square[0], *[square[1:].mean()] * 3])
 
 
 def _noise(away: FloatArray, tracks: Tracks) -> float:
