@@ -94,9 +94,7 @@ def main() -> int:
         return 1
     errors, sds = np.array([scan.error for scan in scans]), np.array([scan.sd for scan in scans])
     off = np.abs(errors / sds)
-    print(
-        f"\n{len(scans)} scans, {refused} refused; moves repeat to {asked.sd_mm:g} mm, {asked.sd_deg:g} degrees per axis"
-    )
+    print(f"\n{len(scans)} scans, {refused} refused; moves repeat to {asked.sd_mm:g} mm and {asked.sd_deg:g} degrees")
     print(f"{'':14}{'median error':>14}{'p90':>9}{'median sd':>11}{'within 2 sd':>13}{'rms of error/sd':>17}")
     for k, name in enumerate(MOUNT):
         gap = np.abs(errors[:, k])

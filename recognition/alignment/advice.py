@@ -27,7 +27,7 @@ def advice(estimate: MountEstimate) -> tuple[str, ...]:
         expected, off = ((s.mm if unit == "mm" else s.deg) for s in (estimate.told, estimate.off))
         if off > _MUCH_WORSE * expected:
             told.append(
-                f"{name} were off by {off:.2g} {unit} (sd), not by {expected:.2g} as was expected. The sds above reckon "
+                f"{name} were off by {off:.2g} {unit} (sd), not by {expected:.2g} as was expected. The sds reckon "
                 "with it; but if that is no chance (a wrong scale or gear ratio, a slipping screw), values are off by "
                 "more. Mend it, or say so in the bench file's `motion`"
             )
