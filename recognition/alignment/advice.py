@@ -23,13 +23,13 @@ def advice(estimate: MountEstimate) -> tuple[str, ...]:
     angles = [name for name in ("pan_zero_deg", "roll_deg", "pitch_deg") if name in estimate.open]
     if angles:
         told.append(f"{_and(angles)}: {_about_angles(estimate, angles)}")
-    for unit, name in (("mm", "x, y and z"), ("degrees", "the pan")):
+    for unit, name in (("mm", "moves in x, y and z"), ("degrees", "pans")):
         expected, off = ((s.mm if unit == "mm" else s.deg) for s in (estimate.told, estimate.off))
         if off > _MUCH_WORSE * expected:
             told.append(
-                f"{name} were off by {off:.2g} {unit} (sd), not by {expected:.2g} as was expected. The sds reckon "
-                "with it; but if that is no chance (a wrong scale or gear ratio, a slipping screw), values are off by "
-                "more. Mend it, or say so in the bench file's `motion`"
+                f"{name} were off by {off:.2g} {unit} (sd), not by {expected:.2g} as was expected. The sds reckon with "
+                "that as chance. If it is none (a wrong scale or gear ratio, a slipping screw, a zoom or focus that "
+                "creeps), values are off by more. Mend it, or tell it in the bench file's `motion`"
             )
     if estimate.residual_px > _SHARP_PX:
         told.append(

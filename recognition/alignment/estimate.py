@@ -57,7 +57,7 @@ _LEAST_VIEWS, _LEAST_POINTS = 3, 20
 _START_POINTS, _MOST_POINTS = 200, 1000
 _GUESSES = 6
 _START_SIGMA_PX, _TAIL_SD, _CUT_SD = 1.0, 3.0, 4.5
-_MOTION_ROUNDS = 3
+_MOTION_ROUNDS, _SETTLED = 12, 1.03
 _OPEN = 0.2  # of the prior's sd: what stays less sure than this is as good as not seen
 _SEEN_PX = 10.0  # an observation further off than this was never of that point
 _LEAST_EXPLAINED = 0.5
@@ -188,7 +188,7 @@ def _refuse_hopeless(tracks: Tracks, moves: Moves) -> None:
 def _unexplained(share: float) -> DegenerateGeometryError:
     return DegenerateGeometryError(
         f"the moves do not explain the pictures: at best {share:.0%} of what was matched lies in front of a camera "
-        f"that moves as told and keeps its internals. {_ASK}"
+        f"that moves as told and keeps its internals. {_ASK} Or are the moves very small beside the distance?"
     )
 
 
@@ -266,8 +266,12 @@ def _refined(
     told = priors.motion_sd
     for _ in range(0 if priors.exact_moves else _MOTION_ROUNDS):
         reduced = reduce(linear, pull(linear, sigma, _TAIL_SD), unknowns, tracks, priors)
+        before = priors.motion_sd
         priors = replace(priors, motion_sd=np.maximum(told, _spread(unknowns.motion, _whitened(reduced), priors)))
         unknowns, linear, _ = adjust(unknowns, tracks, moves, priors, sigma_px=sigma, tail_sd=_TAIL_SD, iterations=20)
+        sigma = _noise(np.linalg.norm(linear.residuals, axis=1), tracks)
+        if np.all(priors.motion_sd < _SETTLED * before):
+            break
     return tracks, unknowns, priors, linear, sigma
 
 

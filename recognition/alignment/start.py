@@ -20,6 +20,7 @@ FAR_PX = 50.0
 
 _FOCAL_WIDTHS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.9, 3.8, 5.0)
 _PANS_DEG = np.arange(-180.0, 180.0, 10.0)
+_FEW = 50  # points are enough to leave the worst guesses out
 _ROUNDS, _FAR_OFF_PX = 4, 5.0
 _STIFF = 1e-6  # of the information: what nothing determines stays near zero instead of running away
 
@@ -41,18 +42,23 @@ class Guess:
 def guesses(tracks: Tracks, moves: Moves, size: tuple[int, int], most: int) -> list[Guess]:
     """The most promising guesses, best first: principal point in the middle, square pixels, no roll and no pitch."""
     width, height = size
+    few = tracks.take(tracks.point < _FEW)[0]
     found = []
     for widths, pan_deg in product(_FOCAL_WIDTHS, _PANS_DEG):
         common = np.zeros(C)
         common[LOG_F] = np.log(widths * width)
         common[[U0, V0]] = (width - 1) / 2, (height - 1) / 2
         common[PAN] = np.radians(pan_deg)
-        found.append(triangulate(common, tracks, moves, with_arm=True))
+        found.append(triangulate(common, few, moves, with_arm=True, rounds=2))
+    found.sort(key=lambda guess: guess.score_px)
+    found = [triangulate(guess.common, tracks, moves, with_arm=True) for guess in found[: 4 * most]]
     found.sort(key=lambda guess: guess.score_px)
     return found[:most]
 
 
-def triangulate(common: FloatArray, tracks: Tracks, moves: Moves, *, with_arm: bool = False) -> Guess:
+def triangulate(
+    common: FloatArray, tracks: Tracks, moves: Moves, *, with_arm: bool = False, rounds: int = _ROUNDS
+) -> Guess:
     """Points, and with them the lever arm where it is asked for, by linear least squares.
 
     With q = Ry(theta) (P - x) - arm in the turning frame, a pixel says that two rows are across T Ry(pan zero) q, T
@@ -68,7 +74,7 @@ def triangulate(common: FloatArray, tracks: Tracks, moves: Moves, *, with_arm: b
     right = np.einsum("mki,mi->mk", by_point, seen_from)
     first = np.searchsorted(tracks.point, np.arange(tracks.count))
     arm, weight = common[[ARM_X, ARM_Z]], one
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         points, arm = _solve(by_point, by_arm, right, weight, first, None if with_arm else arm)
         turned = np.einsum("mij,mj->mi", pan, points[tracks.point] - seen_from) - [arm[0], 0.0, arm[1]]
         cam = turned @ hung.T
