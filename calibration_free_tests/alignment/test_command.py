@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from calibration_free_tests.alignment.synthetic import HUNG, LENS, lattice
 from calibration_free_tests.alignment.textured_wall import pictures, textured_wall, write_scan
@@ -92,7 +93,8 @@ def test_the_report_tells_values_sds_the_line_and_what_was_left(
     rows = {line.split()[0]: line.split()[1:] for line in said.splitlines() if line.startswith(MOUNT)}
     assert list(rows) == list(MOUNT)
     assert float(rows["z_mm"][0]) == pytest.approx(45.0, abs=4 * float(rows["z_mm"][1]))
-    assert f"\n  mount: {{x_mm: {float(rows['x_mm'][0]):.1f}" in said
+    line = yaml.safe_load(next(line for line in said.splitlines() if line.startswith("  mount: ")))
+    assert [line["mount"][name] for name in MOUNT] == pytest.approx([float(rows[name][0]) for name in MOUNT], abs=6e-4)
     assert "y_mm cannot be seen from pans" in said
     assert "12 of 18 pictures were used" in said
 

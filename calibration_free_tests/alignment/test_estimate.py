@@ -59,14 +59,14 @@ def test_axes_that_the_bench_tells_are_reckoned_with() -> None:
 def test_errors_are_as_large_as_told(told: tuple[float, float], real: tuple[float, float]) -> None:
     poses = lattice(zs=(0.0,))
     off = []
-    for seed in range(8):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         tracks = seen(wall(rng, points=200), moved_by_chance(poses, rng, *real), noise_px=0.3, rng=rng)
         found = estimate(tracks, poses, *told)
         off.append([(found.values[name] - TRUE[name]) / found.sd[name] for name in MOUNT])
     rms = np.sqrt((np.array(off) ** 2).mean(axis=0))
-    # 8 draws of a standard normal variable have an rms within these bounds in 99.9 % of all cases.
-    assert np.all((rms > 0.3) & (rms < 1.87)), rms
+    # 6 draws of a standard normal variable have an rms within these bounds in 99.9 % of all cases.
+    assert np.all((rms > 0.22) & (rms < 2.0)), rms
     assert (np.abs(off) < 2.0).mean() > 0.85
 
 
@@ -137,7 +137,7 @@ def test_a_zoom_that_changed_amid_the_scan_is_refused() -> None:
 def test_pictures_shifted_afterwards_are_refused() -> None:
     """As in light fields, whose views are registered to a plane: the principal point goes along with the moves."""
     rng = np.random.default_rng(8)
-    poses = lattice(xs=(-40.0, -20.0, 0.0, 20.0, 40.0), ys=(-40.0, -20.0, 0.0, 20.0, 40.0), zs=(0.0,), pans=(0.0,))
+    poses = lattice((-40.0, -10.0, 20.0, 50.0), (-40.0, -10.0, 20.0, 50.0), (0.0,), (0.0,))
     lenses = [replace(LENS, u0=LENS.u0 + 2.0 * pose.x_mm, v0=LENS.v0 + 2.3 * pose.y_mm) for pose in poses]
     with pytest.raises(DegenerateGeometryError, match="registered"):
         estimate(seen(wall(rng), poses, lens=lenses, noise_px=0.3, rng=rng), poses)
