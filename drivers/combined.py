@@ -1,7 +1,7 @@
 """Gantry, pan axis, zoom ring and camera as one rig, in the rig frame. It decides nothing: `rig.guard` does.
 
 One device moves at a time, the gantry in a straight line: so the way of a move is known, and where one device fails
-nothing else is on the way. Signs, scales and squareness come in as a `Placement`; the mount's lever arm does not.
+nothing else is on the way. Signs and offsets come in as a `Placement`; the mount's geometry does not.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from recognition.belief import Belief
 from recognition.detectors import load_detector
 from recognition.journey import Journey
+from recognition.levelling import levelled
 from recognition.modelbase import ModelBase
 from recognition.paper_belief import Interpretations, carry, central, eliminate, interpret
 from recognition.parts import DetectedPart, Detector
@@ -53,7 +54,7 @@ def recognise_as_paper(
     policy = load_policy(settings.policy)
     state = _State(rig, make_world(model_base, settings.bounds, settings.rates), settings)
     while True:
-        frame = rig.capture()
+        frame = levelled(rig.capture(), settings.mount)
         t0 = time.perf_counter()
         parts = tuple(finder.detect(frame.image))
         t1 = time.perf_counter()

@@ -11,6 +11,7 @@ from recognition.belief import Belief, rivals, thin, update, weigh
 from recognition.detectors import load_detector
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
 from recognition.journey import Journey
+from recognition.levelling import levelled
 from recognition.modelbase import ModelBase
 from recognition.parts import DetectedPart, Detector
 from recognition.policies import Policy, load_policy
@@ -50,7 +51,7 @@ def recognise(
     state = _State(rig, make_world(model_base, settings.bounds, settings.rates), settings)
     policy = load_policy(settings.policy)
     while True:
-        frame = rig.capture()
+        frame = levelled(rig.capture(), settings.mount)
         t0 = time.perf_counter()
         parts = tuple(finder.detect(frame.image))
         t1 = time.perf_counter()

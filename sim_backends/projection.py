@@ -80,29 +80,44 @@ class View:
     """One camera looking at one object: all that is needed to put the object's points into the picture.
 
     Attributes:
-        to_camera: object -> camera.
+        to_upright: object -> upright camera.
         internals: the camera's inside.
         size: width and height of the picture, pixels.
+        tilt: ``(3, 3)`` upright camera -> camera: the mount's roll and pitch; ``None``: it hangs upright.
     """
 
-    to_camera: Pose4
+    to_upright: Pose4
     internals: Internals
     size: tuple[int, int]
+    tilt: FloatArray | None = None
 
     @staticmethod
-    def of(camera: CameraPose, object_in_rig: Pose4, internals: Internals, size: tuple[int, int]) -> View:
+    def of(
+        camera: CameraPose,
+        object_in_rig: Pose4,
+        internals: Internals,
+        size: tuple[int, int],
+        tilt: FloatArray | None = None,
+    ) -> View:
         """The view of an object placed in the rig frame by a camera posed in the rig frame."""
-        return View(camera.to_camera() @ object_in_rig, internals, size)
+        return View(camera.to_camera() @ object_in_rig, internals, size, tilt)
 
     @cached_property
     def rotation(self) -> FloatArray:
         """``(3, 3)`` object -> camera."""
-        return self.to_camera.rotation
+        upright = self.to_upright.rotation
+        return upright if self.tilt is None else np.asarray(self.tilt @ upright)
+
+    @cached_property
+    def translation_mm(self) -> FloatArray:
+        """``(3,)`` the object's origin in the camera frame."""
+        upright = self.to_upright.translation_mm
+        return upright if self.tilt is None else np.asarray(self.tilt @ upright)
 
     @cached_property
     def centre_mm(self) -> FloatArray:
         """``(3,)`` camera centre in the object frame."""
-        return np.asarray(-(self.rotation.T @ self.to_camera.translation_mm))
+        return np.asarray(-(self.rotation.T @ self.translation_mm))
 
     @cached_property
     def _bounds(self) -> tuple[float, float, float, float]:
@@ -125,7 +140,7 @@ class View:
 
     def in_camera(self, points_mm: FloatArray) -> FloatArray:
         """Camera-frame points ``(..., 3)`` of object-frame points ``(..., 3)``, mm."""
-        return np.asarray(points_mm @ self.rotation.T + self.to_camera.translation_mm)
+        return np.asarray(points_mm @ self.rotation.T + self.translation_mm)
 
     def pixels(self, points_mm: FloatArray) -> FloatArray:
         """Pixels ``(..., 2)`` of object-frame points ``(..., 3)``; NaN for points behind the near plane.

@@ -38,7 +38,7 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True)
 class ViewTruth:
-    """What nobody but a scorer may know of a view."""
+    """What nobody but a scorer may know of a view. The camera is its upright part: the mount's tilt comes on top."""
 
     camera_in_object: CameraPose
     internals: Internals
@@ -71,7 +71,7 @@ class RenderedRig:
             seed: of noise and changing internals; the same seed and pose give the same picture.
             size: of the pictures, pixels.
             sensor: blur, noise, exposure.
-            mount: how the camera hangs.
+            mount: how the camera hangs; ``None``: perfectly.
             start: where the rig stands at first; ``None``: the first pose, or the lattice's low corner.
             clear_mm: how near the lattice comes to walls.
 
@@ -80,6 +80,7 @@ class RenderedRig:
             UnreachableError: a pose lies outside the limits.
         """
         self._scene, self._limits, self._mount, self._clear_mm = scene, limits, mount, clear_mm
+        self._tilt = mount.tilt if mount is not None and (mount.roll_deg or mount.pitch_deg) else None
         self._lattice = offers if isinstance(offers, Lattice) else None
         self._poses = () if isinstance(offers, Lattice) else tuple(offers)
         self._policy = internals or FixedByZoom.for_size(size)
@@ -158,7 +159,7 @@ class RenderedRig:
         truth = self.truth(self._pose)
         camera = camera_in_rig(self._pose, self._mount)
         rng = self._rng(self._pose, 1)
-        image = render(self._scene, camera, truth.internals, self._size, rng=rng, sensor=self._sensor)
+        image = render(self._scene, camera, truth.internals, self._size, rng=rng, sensor=self._sensor, tilt=self._tilt)
         self._sequence += 1
         name = f"rendered-{self._sequence:04d}"
         return Frame(image, self._pose, self._pose, name, self._sequence, self._clock_s)
@@ -195,7 +196,8 @@ class RenderedRig:
     def parts(self, pose: RigPose | None = None) -> list[PartTruth]:
         """For scoring only: the parts that a picture taken at a pose really shows."""
         at = pose or self._pose
-        return visible_parts(self._scene, camera_in_rig(at, self._mount), self.truth(at).internals, self._size)
+        camera, internals = camera_in_rig(at, self._mount), self.truth(at).internals
+        return visible_parts(self._scene, camera, internals, self._size, tilt=self._tilt)
 
     def _home(self) -> RigPose:
         """The lattice's pose nearest to the lower ends of x and z, the middle of the others."""

@@ -61,6 +61,7 @@ def render(
     *,
     rng: np.random.Generator,
     sensor: Sensor | None = None,
+    tilt: FloatArray | None = None,
 ) -> Image:
     """A picture of the scene, ``(h, w, 3)`` BGR or ``(h, w)`` grey.
 
@@ -71,11 +72,12 @@ def render(
         size: width and height, pixels.
         rng: draws sensor noise and exposure; nothing else in the picture depends on it.
         sensor: blur, noise, exposure; ``None`` for the default ones.
+        tilt: ``(3, 3)`` the mount's (`recognition.geometry.Mount.tilt`); ``None``: the camera hangs upright.
 
     Raises:
         InputError: the radial term folds back inside the picture.
     """
-    view = View.of(camera, scene.object_in_rig, internals, size)
+    view = View.of(camera, scene.object_in_rig, internals, size, tilt)
     look = scene.appearance
     behind = (
         backdrop.sky_and_ground(view, scene.ground_mm, scene.typical_mm, look.seed)
@@ -89,13 +91,18 @@ def render(
 
 
 def visible_parts(
-    scene: Scene, camera: CameraPose, internals: Internals, size: tuple[int, int] = DEFAULT_SIZE
+    scene: Scene,
+    camera: CameraPose,
+    internals: Internals,
+    size: tuple[int, int] = DEFAULT_SIZE,
+    *,
+    tilt: FloatArray | None = None,
 ) -> list[PartTruth]:
-    """The parts of which at least one pixel shows, from the same painter as the picture (units as in ``PartTruth``).
+    """The parts of which at least one pixel shows, from the same painter as the picture (arguments as of ``render``).
 
     Parts that reach behind the camera are left out: they have no outline in the picture.
     """
-    view = View.of(camera, scene.object_in_rig, internals, size)
+    view = View.of(camera, scene.object_in_rig, internals, size, tilt)
     canvas = Canvas(size, None)
     painted = _paint(scene, view, canvas)
     shown = np.bincount(canvas.ids[canvas.ids >= 0], minlength=len(scene.object_model.parts))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from recognition.geometry import Mount
 from recognition.modelbase import ModelBase, ObjectModel
 from rig.errors import InputError
 from rig.hal import RigPose
@@ -68,13 +69,14 @@ def rendered_rig(
     seed: int = 0,
     size: tuple[int, int] = DEFAULT_SIZE,
     sensor: Sensor | None = None,
+    mount: Mount | None = None,
 ) -> RenderedRig:
     """A rig around a scene. Without ``offers`` it has the stations of ``viewing_poses`` at the stand-offs given.
 
     The stand-off is eight times the typical height of a part if none is given.
     """
     distances = distances_mm or (8.0 * scene.typical_mm,)
-    poses = viewing_poses(scene.object_model, scene.object_in_rig, distances, zooms=zooms)
+    poses = viewing_poses(scene.object_model, scene.object_in_rig, distances, zooms=zooms, mount=mount)
     if offers is None:
         offers = poses
     around = poses if isinstance(offers, Lattice) else [*poses, *offers]
@@ -87,6 +89,7 @@ def rendered_rig(
         seed=seed,
         size=size,
         sensor=sensor,
+        mount=mount,
     )
 
 

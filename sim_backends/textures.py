@@ -114,7 +114,7 @@ def wall_seen(wall: Wall, texture: WallTexture, outline: FloatArray, cover: Cove
     width, height = wall.size_mm
     plane = np.stack([(top_right - top_left) / width, (foot - top_left) / height, top_left], axis=1)
     # Columns: the wall's x and y axis and its corner, in the camera; its inverse takes rays to millimetres on the wall.
-    to_wall = np.linalg.inv(view.rotation @ plane + np.outer(view.to_camera.translation_mm, (0, 0, 1)))
+    to_wall = np.linalg.inv(view.rotation @ plane + np.outer(view.translation_mm, (0, 0, 1)))
     level = _level(texture, outline, to_wall, view)
     picture = texture.levels[level]
     scale = texture.px_per_mm / 2**level

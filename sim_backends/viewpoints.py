@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from recognition.geometry import CameraPose, Mount, Pose4, camera_in_rig
+from recognition.geometry import CameraPose, Mount, Pose4, rig_pose_for
 from recognition.modelbase import ObjectModel
 from rig.hal import AxisLimits, RigLimits, RigPose
 from sim_backends.walls import Wall, walls_of
@@ -114,7 +114,7 @@ def viewing_poses(
                     if not _looks_at_object(in_object, plan, 3.0 * distance):
                         continue
                     camera = CameraPose.from_to_camera(in_object.to_camera() @ object_in_rig.inverse())
-                    poses.extend(_hung(camera, zoom, mount) for zoom in zooms)
+                    poses.extend(rig_pose_for(camera, mount, zoom) for zoom in zooms)
     return poses
 
 
@@ -143,13 +143,6 @@ def _looks_at_object(camera: CameraPose, plan: Plan, reach_mm: float) -> bool:
     pan = np.radians(camera.theta_deg)
     axis = np.array([-np.sin(pan), np.cos(pan)])
     return not plan.clear_between(centre, (centre + reach_mm * axis)[None])[0]
-
-
-def _hung(camera: CameraPose, zoom: float, mount: Mount | None) -> RigPose:
-    """The rig pose that puts a camera on this mount there."""
-    arm = camera_in_rig(RigPose(0.0, 0.0, 0.0, camera.theta_deg), mount).centre_mm
-    x, y, z = (float(v) for v in camera.centre_mm - arm)
-    return RigPose(x, y, z, camera.theta_deg, zoom)
 
 
 def limits_around(poses: Sequence[RigPose], margin_mm: float = 100.0) -> RigLimits:

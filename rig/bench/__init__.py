@@ -1,6 +1,6 @@
 """Reads bench files (``bench.yaml``) and makes rigs of them: mock rigs on image grids, and guarded live rigs."""
 
-from rig.bench.config import BenchConfig, default_bench_for_grid, load_bench
+from rig.bench.config import BenchConfig, bench_file, default_bench_for_grid, load_bench
 from rig.bench.drivers import Device, Maker, installed, make_devices
 from rig.bench.live import LiveBenchFile
 from rig.bench.mock import BenchFile
@@ -13,6 +13,7 @@ __all__ = [
     "LiveBenchFile",
     "Maker",
     "attendance_of",
+    "bench_file",
     "default_bench_for_grid",
     "installed",
     "load_bench",

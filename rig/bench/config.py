@@ -15,7 +15,7 @@ from rig.bench.entries import Goal
 from rig.bench.live import LiveBenchFile
 from rig.bench.mock import BenchFile
 from rig.errors import InputError
-from rig.schema import BENCH_MAX_BYTES, did_you_mean, load_yaml, validate
+from rig.schema import BENCH_MAX_BYTES, Document, did_you_mean, load_yaml, validate
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,17 @@ class BenchConfig:
 
     @property
     def mount(self) -> Mount:
-        """How the camera hangs on the rig."""
-        arm = self.file.mount
-        return Mount(arm.x_mm, arm.y_mm, arm.z_mm)
+        """How the camera hangs on the rig, and how straight the rig's axes are."""
+        axes, square = self.file.axes, self.file.axes.squareness_deg
+        return Mount(
+            **self.file.mount.model_dump(),
+            x_scale=axes.x_mm.scale,
+            y_scale=axes.y_mm.scale,
+            z_scale=axes.z_mm.scale,
+            xy_deg=square.xy,
+            xz_deg=square.xz,
+            yz_deg=square.yz,
+        )
 
     @property
     def rates(self) -> DetectionRates:
@@ -83,15 +91,25 @@ def load_bench(path: Path) -> BenchConfig:
         InputError: with file:line:column of everything that is wrong, and remedies.
     """
     document = load_yaml(path, max_bytes=BENCH_MAX_BYTES)
+    file = bench_file(document)
+    if isinstance(file, LiveBenchFile):
+        return BenchConfig(str(path), file, devices=devices_of(file.devices, document))
+    return BenchConfig(str(path), file, None if file.grid is None else path.parent / file.grid)
+
+
+def bench_file(document: Document) -> BenchFile | LiveBenchFile:
+    """What a bench file says, without the settings of its devices.
+
+    Raises:
+        InputError: with file:line:column of everything that is wrong, and remedies.
+    """
     kind = document.data.get("kind") if isinstance(document.data, dict) else None
     if kind == "live":
-        live = validate(LiveBenchFile, document)
-        return BenchConfig(str(path), live, devices=devices_of(live.devices, document))
+        return validate(LiveBenchFile, document)
     if isinstance(kind, str) and kind != "mock":
         message = f"kind: should be 'mock' or 'live', not the text {kind!r}"
         raise InputError(message, where=document.where(("kind",)), remedy=did_you_mean(kind, ("mock", "live")))
-    file = validate(BenchFile, document)
-    return BenchConfig(str(path), file, None if file.grid is None else path.parent / file.grid)
+    return validate(BenchFile, document)
 
 
 def default_bench_for_grid(grid_dir: Path) -> BenchConfig:

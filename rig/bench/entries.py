@@ -13,6 +13,12 @@ NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Angle = Annotated[float, Field(gt=0, lt=180, allow_inf_nan=False)]
+Skew = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
+Tilt = Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
+Scale = Annotated[
+    float,
+    Field(gt=0.5, lt=2, allow_inf_nan=False, description="True millimetres per millimetre that the axis tells."),
+]
 
 
 class Strict(BaseModel):
@@ -22,11 +28,22 @@ class Strict(BaseModel):
 
 
 class MountEntry(Strict):
-    """Lever arm: the camera's centre from the rotation axis, in the frame that turns with the pan, mm."""
+    """How the camera hangs (`recognition.geometry.Mount`): lever arm, mm, pan at the rotary's zero, small tilts."""
 
     x_mm: Real = 0.0
     y_mm: Real = 0.0
     z_mm: Real = 0.0
+    pan_zero_deg: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] = 0.0
+    roll_deg: Tilt = 0.0
+    pitch_deg: Tilt = 0.0
+
+
+class Squareness(Strict):
+    """By how much the angles between the linear axes fall short of 90 degrees."""
+
+    xy: Skew = 0.0
+    xz: Skew = 0.0
+    yz: Skew = 0.0
 
 
 def _rising(value: tuple[float, float] | None) -> None:

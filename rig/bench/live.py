@@ -8,8 +8,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from rig.bench.entries import CommonFile, NotNegative, Positive, Real, Strict
-from rig.bench.placement import AffinePlacement
+from rig.bench.entries import CommonFile, NotNegative, Positive, Real, Scale, Squareness, Strict
+from rig.bench.placement import AxisPlacement
 from rig.guard import Box, Offers, Rules, Tolerance
 from rig.hal import AxisLimits, RigLimits
 from rig.schema_words import ELSEWHERE
@@ -17,7 +17,6 @@ from rig.schema_words import ELSEWHERE
 Sign = Annotated[Literal[1, -1], Field(description="-1: counts against the rig frame's direction.")]
 Approach = Literal["from_below", "from_above"]
 Zoom = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-SmallAngle = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
 
 
 def _misplaced(at: tuple[str, ...], message: str) -> PydanticCustomError:
@@ -82,7 +81,7 @@ class LiveLinearAxis(_LiveAxis):
     speed_mm_per_s: Positive
     backlash_mm: NotNegative = 0.0
     sign: Sign = 1
-    scale: Annotated[float, Field(gt=0.5, lt=2, description="True mm for one that the controller counts.")] = 1.0
+    scale: Scale = 1.0
     offset_mm: Annotated[Real, Field(description="Rig coordinate of the machine's zero.")] = 0.0
 
     @property
@@ -144,21 +143,15 @@ class LiveAxes(Strict):
     z_mm: LiveLinearAxis
     theta_deg: LivePanAxis | None = None
     zoom: LiveZoomAxis | None = None
-    squareness_deg: Annotated[
-        tuple[SmallAngle, SmallAngle, SmallAngle],
-        Field(description="By how much the angles x-y, x-z, y-z between the axes exceed 90 degrees."),
-    ] = (0.0, 0.0, 0.0)
+    squareness_deg: Squareness = Squareness()
 
     @property
-    def placement(self) -> AffinePlacement:
+    def placement(self) -> AxisPlacement:
         """Machine coordinates to rig frame and back."""
-        linear, pan = (self.x_mm, self.y_mm, self.z_mm), self.theta_deg
-        (sx, sy, sz), (kx, ky, kz) = (a.sign for a in linear), (a.scale for a in linear)
-        return AffinePlacement(
-            sign=(sx, sy, sz),
-            scale=(kx, ky, kz),
-            offset_mm=(self.x_mm.offset_mm, self.y_mm.offset_mm, self.z_mm.offset_mm),
-            squareness_deg=self.squareness_deg,
+        x, y, z, pan = self.x_mm, self.y_mm, self.z_mm, self.theta_deg
+        return AxisPlacement(
+            sign=(x.sign, y.sign, z.sign),
+            offset_mm=(x.offset_mm, y.offset_mm, z.offset_mm),
             pan_sign=1.0 if pan is None else pan.sign,
             pan_offset_deg=0.0 if pan is None else pan.offset_deg,
         )

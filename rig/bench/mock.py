@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from rig.bench.entries import CommonFile, Positive, Real, Spread, Strict
+from rig.bench.entries import CommonFile, Positive, Real, Scale, Spread, Squareness, Strict
 from rig.hal import AxisLimits, RigLimits
 from rig.imagegrid import ImageGrid, read_grid
 
@@ -42,6 +42,7 @@ class LinearAxis(_Axis):
     """One axis of the gantry, mm."""
 
     speed_mm_per_s: Positive | None = None
+    scale: Scale = 1.0
 
 
 class PanAxis(_Axis):
@@ -66,6 +67,7 @@ class Axes(Strict):
     z_mm: LinearAxis = LinearAxis()
     theta_deg: PanAxis = PanAxis()
     zoom: ZoomAxis = ZoomAxis()
+    squareness_deg: Squareness = Squareness()
 
 
 class BenchFile(CommonFile):

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from rig.cli import (
+    aligning,
     benching,
     checking,
     emulating,
@@ -96,6 +97,7 @@ for _module in (
     benching,
     jogging,
     scanning,
+    aligning,
     checking,
     emulating,
     simulating,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -119,10 +120,10 @@ def _drawings(run: RunRecord) -> dict[str, Any] | None:
 def _mount(run: RunRecord) -> Mount:
     try:
         mount = dict(_settings(run.start).get("mount", {}))
-        return Mount(*(float(mount.get(key, 0.0)) for key in ("x_mm", "y_mm", "z_mm")))
+        return Mount(**{f.name: float(mount.get(f.name, f.default)) for f in fields(Mount)})
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"the mount is not three numbers ({error})",
+            f"the mount is not made of numbers ({error})",
             where=f"{run.folder / 'events.jsonl'}:1",
             remedy="Correct the start event's settings",
         ) from error
