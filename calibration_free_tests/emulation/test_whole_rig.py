@@ -11,6 +11,7 @@ from calibration_free_tests.emulation.sample import config, make_ready, near, si
 from drivers.dynamixel import DynamixelAxis, DynamixelSettings
 from drivers.frame_checks import BadFrameError
 from rig.errors import HardwareError, InputError
+from rig.guard import State
 from rig.hal import RigPose
 from rig.scan import Scan, numbered, serpentine
 from sim_backends.camera_faults import CameraFault, CameraFaultKind
@@ -55,6 +56,21 @@ def test_servos_that_held_over_the_end_of_a_session_are_driven_in_the_next() -> 
     with bench.open() as guard:
         guard.move_to(replace(PLACE, theta_deg=-20.0))
         assert near(bench.pose, replace(PLACE, theta_deg=-20.0))
+
+
+def test_a_servo_that_its_watchdog_has_stopped_moves_again_once_unlocked() -> None:
+    bench = simulated(scripts={"pan": [Fault(FaultKind.HANG, at_s=30.0, seconds=0.25)]})
+    assert bench.clock is not None
+    with bench.open() as guard:
+        make_ready(guard)
+        guard.move_to(PLACE)
+        bench.clock.sleep_s(29.6 - bench.clock.now_s())
+        with pytest.raises(HardwareError, match="pan"):
+            guard.move_to(replace(PLACE, theta_deg=-50.0))
+        assert guard.state is State.ALARM
+        guard.unlock()
+        guard.move_to(PLACE)
+        assert near(bench.pose, PLACE)
 
 
 def test_a_scan_takes_bad_pictures_of_a_live_camera_again() -> None:
