@@ -1,6 +1,6 @@
 """Prints what random serial faults do to scans on a whole emulated bench: gantry, servos and camera, simulated time.
 
-Run from the repository: ``python -m benchmarks.bench_faults`` (10,000 faults for each of 5 seeds: half an hour or so).
+Run from the repository: ``python -m benchmarks.bench_faults`` (10,000 faults for each of 5 seeds: an hour or so).
 A fault may end a scan; it is then gone on with as a person would. Every picture carries a frame counter, by which the
 emulator tells where the axes truly were while it was exposed. Exit code 1 if a stored pose was off by more than 0.05 mm
 or 0.1 degrees, or if anything moved that must not (unhomed, in alarm, out of limits) by the emulators' own judgement.
@@ -22,7 +22,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--faults", type=int, default=10_000, help="on the serial lines, for each seed")
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--every-s", type=float, default=1.5, help="simulated seconds between faults, on average")
+    parser.add_argument("--every-s", type=float, default=3.0, help="simulated seconds between faults, on average")
     options = parser.parse_args()
     print(
         "seed  faults  hours simulated  pictures  scans (ended early)  worst mm  worst deg  worst zoom  forbidden  "

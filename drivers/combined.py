@@ -151,6 +151,7 @@ class CombinedRig:
         self._placement, self._clock, self._stops = placement, clock, stops
         self._fixed = {PAN: 0.0, ZOOM: 0.0} | dict(fixed or {})
         self._moving: str | None = None
+        self._reached: dict[str, tuple[Triple | float, Triple | float]] = {}
         self._last: RigStatus | None = None
 
     @property
@@ -164,6 +165,7 @@ class CombinedRig:
         Raises:
             HardwareError: lists every device that cannot be connected, and why.
         """
+        self._reached.clear()
         found, failed = _each({name: self._device(name).connect for name in self.names})
         if failed:
             # A failed start follows the torque policy too, and whoever cannot says so.
@@ -209,6 +211,7 @@ class CombinedRig:
         Raises:
             HardwareError: it must not; names the axis and says why.
         """
+        self._reached.pop(NAMES[axis], None)
         _named(NAMES[axis], self.axes[axis].enable)
 
     def move_to(self, pose: RigPose) -> RigPose:
@@ -218,8 +221,7 @@ class CombinedRig:
             UnreachableError: beyond what a driver was given. That device was sent nothing.
             HardwareError: a device failed, or a STOP came; motion has been stopped.
         """
-        target = self._placement.to_machine((pose.x_mm, pose.y_mm, pose.z_mm))
-        place = self._placement.to_rig(self._move("gantry", partial(self.gantry.move_to, *target)))
+        place = self._placement.to_rig(self._go(self._placement.to_machine((pose.x_mm, pose.y_mm, pose.z_mm))))
         return RigPose(*place, *(self._turn(axis, getattr(pose, axis)) for axis in (PAN, ZOOM)))
 
     def step(self, start: RigPose, target: RigPose) -> RigPose:
@@ -268,6 +270,7 @@ class CombinedRig:
         Raises:
             HardwareError: it cannot, and what to do instead.
         """
+        self._reached.pop("gantry", None)
         _named("gantry", self.gantry.unlock)
 
     def reference(self, axis: str, value: float) -> None:
@@ -276,10 +279,12 @@ class CombinedRig:
         Raises:
             UnreachableError, HardwareError: the axis refuses.
         """
+        self._reached.pop(NAMES[axis], None)
         _named(NAMES[axis], partial(self.axes[axis].reference, self._of_axis(axis, value)))
 
     def stop(self) -> StopReport:
         """Stop all devices now. Never raises."""
+        self._reached.clear()
         stops = {"gantry": self.gantry.stop} | {NAMES[axis]: device.stop for axis, device in self.axes.items()}
         return _summed(self._stops(stops))
 
@@ -311,16 +316,39 @@ class CombinedRig:
 
     def _move(self, name: str, action: Callable[[], Result]) -> Result:
         self._moving = name
+        self._reached.pop(name, None)
         try:
             return _named(name, action)
         finally:
             self._moving = None
 
+    def _go(self, target: Triple) -> Triple:
+        if self._is_there("gantry", target):
+            status = _named("gantry", self.gantry.status)
+            if status.homed and status.motion is Motion.IDLE and status.position_mm == self._reached["gantry"][1]:
+                return status.position_mm
+        back = self._move("gantry", partial(self.gantry.move_to, *target))
+        self._reached["gantry"] = target, back
+        return back
+
+    def _is_there(self, name: str, target: Triple | float) -> bool:
+        """It was last sent there and arrived, and nothing has happened since: then it is asked instead of sent again,
+        which in a scan that changes one axis at a time takes a tenth of a second less for each that stays."""
+        return name in self._reached and self._reached[name][0] == target
+
     def _turn(self, axis: str, value: float) -> float:
-        device = self.axes.get(axis)
+        device, name = self.axes.get(axis), NAMES[axis]
         if device is None:
             return self._fixed[axis]
-        back = self._move(NAMES[axis], partial(device.move_to, self._of_axis(axis, value)))
+        target = self._of_axis(axis, value)
+        back = None
+        if self._is_there(name, target):
+            status = _named(name, device.status)
+            if status.torque and status.motion is Motion.IDLE and status.position == self._reached[name][1]:
+                back = status.position
+        if back is None:
+            back = self._move(name, partial(device.move_to, target))
+            self._reached[name] = target, back
         return self._placement.to_theta(back) if axis == PAN else back
 
     def _of_axis(self, axis: str, value: float) -> float:

@@ -100,7 +100,7 @@ class WireByte:
         at_s: when it arrives.
         value: 0..255.
         altered: the wire changed or repeated it, or swallowed the byte before it.
-        sent_at_s: when its first bit was sent.
+        sent_at_s: when the sender handed it to the wire, which may have kept it.
     """
 
     at_s: float
@@ -208,7 +208,7 @@ class FaultyWire:
         tail = lane.tail[-(len(self._boundary) - 1) :] if len(self._boundary) > 1 else b""
         lane.messages_seen += (tail + data).count(self._boundary)
         lane.tail = (lane.tail + data)[-len(self._boundary) :]
-        return self._deliver(lane, data, max(lane.free_at_s, now_s))
+        return self._deliver(lane, data, max(lane.free_at_s, now_s), now_s)
 
     def _carry_byte(self, lane: _Lane, value: int, now_s: float) -> list[WireByte]:
         start_s = max(lane.free_at_s, now_s)
@@ -228,9 +228,9 @@ class FaultyWire:
         lane.tail = (lane.tail + bytes([value]))[-len(self._boundary) :]
         if lane.tail == self._boundary:
             lane.messages_seen += 1
-        return self._act(lane, value, start_s)
+        return self._act(lane, value, start_s, now_s)
 
-    def _act(self, lane: _Lane, value: int, start_s: float) -> list[WireByte]:
+    def _act(self, lane: _Lane, value: int, start_s: float, sent_at_s: float) -> list[WireByte]:
         fault = lane.active
         lane.left -= 1
         if fault is not None and lane.left <= 0:
@@ -249,21 +249,21 @@ class FaultyWire:
                 value, lane.swallowed = lane.noise.randrange(256), True
             case FaultKind.DUPLICATE:
                 lane.echo.append(value)
-        arriving = self._deliver(lane, [value], start_s)
+        arriving = self._deliver(lane, [value], start_s, sent_at_s)
         if fault is not None and lane.active is None:
             if fault.kind is FaultKind.SPLIT:
                 lane.free_at_s += fault.seconds
             if fault.kind is FaultKind.DUPLICATE:
                 lane.swallowed = True
-                arriving += self._deliver(lane, lane.echo, lane.free_at_s)
+                arriving += self._deliver(lane, lane.echo, lane.free_at_s, sent_at_s)
         return arriving
 
-    def _deliver(self, lane: _Lane, values: Iterable[int], start_s: float) -> list[WireByte]:
+    def _deliver(self, lane: _Lane, values: Iterable[int], start_s: float, sent_at_s: float) -> list[WireByte]:
         arriving = []
         altered, lane.swallowed = lane.swallowed, False
         for value in values:
             lane.free_at_s = start_s + self._seconds_per_byte
-            arriving.append(WireByte(lane.free_at_s, value, altered, start_s))
+            arriving.append(WireByte(lane.free_at_s, value, altered, sent_at_s))
             start_s = lane.free_at_s
         return arriving
 

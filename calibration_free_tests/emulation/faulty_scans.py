@@ -23,13 +23,15 @@ from rig.hal import Frame, RigPose
 from rig.imagegrid import GridFrame
 from rig.scan import Scan, numbered
 from sim_backends.camera_faults import CameraFault, CameraFaultKind
-from sim_backends.faults import FaultKind, random_script
+from sim_backends.faults import WIRE_KINDS, FaultKind, random_script
 from sim_backends.frame_counter import read_counter
 from sim_backends.grbl_emulator.dialects import GRBL_1_1, GRBLHAL
 from sim_backends.simulated_clock import SimulatedClock
 
-GANTRY_KINDS = [kind for kind in FaultKind if kind not in (FaultKind.STUCK_AXIS, FaultKind.OVERHEAT)]
-SERVO_KINDS = [kind for kind in FaultKind if kind not in (FaultKind.BANNER, FaultKind.ALARM)]
+# Faults of the wire come oftener: most of the others end a scan, and then there is little to be judged.
+WIRE = sorted(WIRE_KINDS, key=list(FaultKind).index) * 4
+GANTRY_KINDS = [*WIRE, FaultKind.BANNER, FaultKind.ALARM, FaultKind.UNPLUG, FaultKind.HANG, FaultKind.POWER_CYCLE]
+SERVO_KINDS = [*WIRE, FaultKind.UNPLUG, FaultKind.HANG, FaultKind.STUCK_AXIS, FaultKind.OVERHEAT, FaultKind.POWER_CYCLE]
 CAMERA_KINDS = list(CameraFaultKind)
 POSES = [
     RigPose(x, y, z, theta, zoom)
@@ -159,9 +161,12 @@ class Person:
         try:
             for _ in scan:
                 pass
-        except RigError:
+        except RigError as error:
             self.tally.ended_early += 1
             store.collect()
+            if "onnect again" in str(error):
+                with suppress(RigError):
+                    self.guard.close()
         took_s = self._now_s - began_s
         assert took_s <= SCAN_S
         self.tally.longest_scan_s = max(self.tally.longest_scan_s, took_s)
@@ -215,9 +220,10 @@ class Person:
         assert status is not None
         if status.gantry is not None and not (status.gantry.homed and self.guard._watch.homed):
             self.guard.home()
-        pan = status.axes.get("theta_deg")
-        if pan is not None and not pan.referenced:
-            self.guard.reference("theta_deg", self.bench.pose.theta_deg)
+        for axis, at in status.axes.items():
+            if not at.referenced:
+                limit = getattr(self.guard.rules.travel, axis)
+                self.guard.reference(axis, min(max(getattr(self.bench.pose, axis), limit.lower), limit.upper))
 
     def _cool_servos(self) -> None:
         """A servo that has latched an error is left to cool, and switched off and on."""

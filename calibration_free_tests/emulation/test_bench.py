@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import BaseModel
 
 from calibration_free_tests.emulation.sample import EXAMPLES, config, make_ready, near, simulated, small, striped
 from rig.bench import BenchConfig, LiveBenchFile, load_bench
@@ -114,12 +116,9 @@ def test_every_example_of_a_bench_has_an_emulation(path: Path) -> None:
             guard.reference("theta_deg", 0.0)
         if "zoom" in bench.servos and guard.state is not State.IDLE:
             guard.reference("zoom", 0.0)
-        limits = guard.limits
-        middle = RigPose(
-            *((getattr(limits, a).lower + getattr(limits, a).upper) / 2 for a in ("x_mm", "y_mm", "z_mm")), 0.0, 0.0
-        )
-        guard.move_to(middle)
-        assert near(bench.pose, middle, mm=0.06, deg=0.1, zoom=0.01)
+        there = replace(guard.pose, x_mm=guard.pose.x_mm - 20.0, z_mm=guard.pose.z_mm - 10.0)
+        guard.move_to(there)
+        assert near(bench.pose, there, mm=0.06, deg=0.1, zoom=0.01)
         guard.capture()
 
 
@@ -143,3 +142,15 @@ def test_machine_coordinates_that_grbl_cannot_have_are_refused_with_the_axis() -
     upwards: BenchConfig = replace(told, devices={**told.devices, "gantry": replace(gantry, settings=settings)})
     with pytest.raises(InputError, match=r"devices\.gantry\.x: .*-400 \.\. 10"):
         EmulatedBench(upwards, striped, clock=SimulatedClock())
+
+
+def test_the_full_example_names_every_key_of_a_live_bench_and_of_its_drivers() -> None:
+    text = (EXAMPLES / "bench_grbl_dynamixel.yaml").read_text()
+    told = load_bench(EXAMPLES / "bench_grbl_dynamixel.yaml")
+    assert isinstance(told.file, LiveBenchFile)
+    parts: list[BaseModel] = [told.file, told.file.axes, told.file.safety, told.file.views]
+    parts += [device.settings for device in told.devices.values()]
+    names = {field.alias or name for part in parts for name, field in type(part).model_fields.items()}
+    # For cameras that have one: a USB serial number.
+    missing = {name for name in names - {"usb_serial"} if not re.search(rf"\b{name}:", text)}
+    assert missing == set()

@@ -22,9 +22,10 @@ from drivers.grbl import GrblGantry
 from drivers.grbl_settings import GrblSettings
 from drivers.opencv_camera import OpenCvCamera
 from drivers.serial_link import READ_SLICE_S
-from rig.bench import BenchConfig, Device, LiveBenchFile, open_live
+from rig.bench import BenchConfig, Device, open_live
 from rig.clock import SystemClock
 from rig.devices import Clock
+from rig.emulation.emulable import emulable
 from rig.emulation.files import bench_text
 from rig.emulation.gantry import emulated_gantry
 from rig.emulation.serving import READOUT_S, Served
@@ -43,7 +44,6 @@ from sim_backends.simulated_clock import SimulatedClock
 from sim_backends.simulated_port import SimulatedPort
 from sim_backends.wired_device import WiredDevice
 
-_EMULATED = {"gantry": GrblGantry, "pan": DynamixelAxis, "zoom": DynamixelAxis, "camera": OpenCvCamera}
 _FRAME_RATE_HZ, _EXPOSURE_S = 10.0, 0.01
 _MOST_BUFFERED = 4
 
@@ -95,8 +95,8 @@ class EmulatedBench:
             InputError: a mock bench, or a device that there is no emulator for.
         """
         self.config, self.clock = config, clock
-        self._file = _emulable(config)
-        self._gantry: GrblSettings = config.devices["gantry"].settings  # type: ignore[assignment]  # `_emulable` looked
+        self._file = emulable(config)
+        self._gantry: GrblSettings = config.devices["gantry"].settings  # type: ignore[assignment]  # `emulable` looked
         self._axes: dict[str, DynamixelSettings] = {
             role: config.devices[role].settings  # type: ignore[misc]  # as above
             for role in ("pan", "zoom")
@@ -231,21 +231,6 @@ class EmulatedBench:
         folder = Path(tempfile.mkdtemp(prefix="rig-emulated-"))
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         return folder
-
-
-def _emulable(config: BenchConfig) -> LiveBenchFile:
-    if not isinstance(config.file, LiveBenchFile):
-        raise InputError(
-            "this is a mock bench: there is nothing to emulate", where=config.name, remedy="Name a live bench's file"
-        )
-    for role, device in config.devices.items():
-        if device.make is not _EMULATED[role]:
-            raise InputError(
-                f"there is no emulator of the driver {device.driver!r}",
-                where=f"{config.name}: devices.{role}.driver",
-                remedy="Emulated are grbl, dynamixel and opencv",
-            )
-    return config.file
 
 
 def _timing(settings: CameraSettings) -> CameraTiming:

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.geometry import Pose4, rotation_y
-from rig.bench import BenchConfig, LiveBenchFile
+from rig.bench import BenchConfig
+from rig.emulation.emulable import emulable
 from rig.imagegrid import ImageGrid
 from sim_backends.camera_pictures import Pictures, grid_pictures, scene_pictures
 from sim_backends.internals_policy import ChangingInternals, FixedByZoom
@@ -58,10 +59,11 @@ def stand_in_front(config: BenchConfig, model_base: ModelBase, object_id: str, *
     Looks, turn and a small shift are drawn from the seed.
 
     Raises:
-        InputError: there is no such object.
+        InputError: there is no such object, or the bench cannot be emulated (`emulable`).
     """
     from sim_backends.simulate import draw_scene
 
+    emulable(config)
     scene = draw_scene(model_base, object_id, seed)
     wall = max(walls_of(scene.object_model), key=lambda one: len(one.parts))
     rng = np.random.default_rng([seed, 2])
@@ -76,8 +78,7 @@ def stand_in_front(config: BenchConfig, model_base: ModelBase, object_id: str, *
 
 def _in_front(config: BenchConfig, stand_off_mm: float, clear_mm: float) -> npt.NDArray[np.float64]:
     """The place ``(3,)`` before the middle of the travel where the wall's middle comes, rig frame, mm."""
-    assert isinstance(config.file, LiveBenchFile)
-    travel, arm = config.file.travel, config.mount
+    travel, arm = emulable(config).travel, config.mount
     middle = np.array([(axis.lower + axis.upper) / 2.0 for axis in (travel.x_mm, travel.y_mm, travel.z_mm)])
     half_mm = (travel.z_mm.upper - travel.z_mm.lower) / 2.0
     reach_mm = math.hypot(arm.x_mm, arm.y_mm, arm.z_mm)

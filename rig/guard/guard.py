@@ -263,6 +263,8 @@ class Guard:
             if gantry is not None and gantry.motion is Motion.ALARM:
                 self._rig.unlock()
             self._watch.fault = ""
+            # A servo that has stopped itself (its watchdog) is enabled again with the next move.
+            self._watch.let_go()
             self._machine.go(Event.UNLOCK, self._watch.found(self._watch.ask()))
         return self.state
 

@@ -1,8 +1,8 @@
 """Judges every byte that reaches the emulated machine: does it command what must never be commanded?
 
 It puts lines together by itself, apart from the machine's own reading, and looks at each as it ends. That a machine
-has just lost its homing or gone into alarm cannot be known to the host at once: what was on its way then is not held
-against it, and what the wire altered is marked so.
+has just lost its homing or gone into alarm cannot be known to the host at once: what was on its way then, however long
+the wire kept it, is not held against it, and what the wire altered is marked so.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Monitor:
         if byte.value == 0x18:
             self._line, self._altered = "", byte.altered
         elif char in "\r\n":
-            self._judge(re.sub(r"\([^)]*\)|;.*", "", self._line).upper(), machine)
+            self._judge(re.sub(r"\([^)]*\)|;.*", "", self._line).upper(), machine, byte.sent_at_s)
             self._line, self._altered = "", False
         elif char > " " and byte.value < 0x7F and char not in "?!~":
             self._line += char
@@ -101,11 +101,11 @@ class Monitor:
         else:
             self._since.pop(name, None)
 
-    def _known(self, name: str, now_s: float) -> bool:
-        """Whether it has been so for long enough to be known."""
-        return name in self._since and now_s - self._since[name] >= self._notice_s
+    def _known(self, name: str, sent_at_s: float) -> bool:
+        """Whether it had been so for long enough to be known when the host wrote; a slow wire is no fault of its."""
+        return name in self._since and sent_at_s - self._since[name] >= self._notice_s
 
-    def _judge(self, line: str, machine: GrblMachine) -> None:
+    def _judge(self, line: str, machine: GrblMachine, sent_at_s: float) -> None:
         if _NOT_FINITE.search(line):
             self.record(machine.now_s, "a number that is not finite", line, altered=self._altered)
         jog = line.startswith("$J=")
@@ -119,16 +119,16 @@ class Monitor:
         if not isinstance(action, Move):
             return
         self.moves_seen += 1
-        for what in self._broken_rules(action, at, machine, jog=jog):
+        for what in self._broken_rules(action, at, machine, sent_at_s, jog=jog):
             self.record(machine.now_s, what, line, altered=self._altered)
 
-    def _broken_rules(self, move: Move, at: Triple, machine: GrblMachine, *, jog: bool) -> list[str]:
+    def _broken_rules(self, move: Move, at: Triple, machine: GrblMachine, sent_at_s: float, *, jog: bool) -> list[str]:
         broken = []
         length = math.dist(move.target, at)
         homed_enough = not self._needs_homing or (jog and length <= self._unhomed_jog_mm + _SLACK_MM)
-        if self._known("unhomed", machine.now_s) and not homed_enough:
+        if self._known("unhomed", sent_at_s) and not homed_enough:
             broken.append("motion while unhomed")
-        if self._known("in alarm", machine.now_s):
+        if self._known("in alarm", sent_at_s):
             broken.append("motion in alarm")
         ends = zip("XYZ", move.target, self._lower_mm, self._upper_mm, strict=True)
         if machine.homed:
