@@ -28,9 +28,9 @@ LEAST_PARTS = 5
 """Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
 _UNSURE_SHARE = 0.05
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
-_SEEN_VIEWS, _BLIND_VIEWS = 3, 6
-"""So many views must have shown something before a run may say that it is none of the objects; more where nothing seen
-could even be a part, as when only windows cut by the frame are in sight."""
+_SEEN_VIEWS = 6
+"""So many views must have shown something before a run may say that it is none of the objects: in two or three, windows cut
+by the frame may be all that is in sight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +142,7 @@ def pose_sd(
 def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserSettings) -> Verdict | None:
     """Whether the run may end; where its ``wanted`` says something, only if no view can bring that."""
     # A view without any detection shows a bare wall or nothing at all; it says little of which object stands there.
-    enough = _SEEN_VIEWS if len(belief.hypotheses) else _BLIND_VIEWS
-    if belief.none >= settings.threshold and sum(seen.count > 0 for seen in views) >= enough:
+    if belief.none >= settings.threshold and sum(seen.count > 0 for seen in views) >= _SEEN_VIEWS:
         return Verdict(Outcome.UNKNOWN, f"none of the objects explains the views (probability {belief.none:.3f})")
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)

@@ -47,7 +47,7 @@ axes:
   y_mm: {lower: 0, upper: 400, speed_mm_per_s: 100, scale: 1.002}
   z_mm: {lower: 0, upper: 250, speed_mm_per_s: 100}
   zoom: {speed_per_s: 0.5}
-  squareness_deg: [0.2, 0, -0.1]
+  squareness_deg: {xy: 0.2, yz: -0.1}
 safety: {homing: as_found, stale_s: 2, tolerance_mm: 0.1}
 views: {step_mm: 50, zooms: [0, 0.5], reach: 1}
 timing: {settle_s: 0.3, exposure_s: 0.05}

@@ -347,7 +347,7 @@ FAULTS = [
         ("bench file", "limits"),
         FAIL,
         "axes.x_mm reaches -498.0 .. -101.0",
-        "correct its sign, scale and offset_mm",
+        "correct its sign and offset_mm",
         _file("axes", "x_mm", "offset_mm", value=500.0),
     ),
     Planted(

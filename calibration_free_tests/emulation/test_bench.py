@@ -45,11 +45,11 @@ def test_a_bench_is_homed_moved_and_looked_through_on_simulated_time() -> None:
     assert bus.monitor.goals > 1
 
 
-def test_the_truth_is_told_through_signs_scales_and_squareness_of_the_bench() -> None:
+def test_the_truth_is_told_through_signs_and_offsets_of_the_bench() -> None:
     as_told = config()
     assert isinstance(as_told.file, LiveBenchFile)
-    axes = as_told.file.axes.model_copy(update={"squareness_deg": (0.5, -0.3, 0.2)})
-    axes = axes.model_copy(update={"x_mm": axes.x_mm.model_copy(update={"scale": 1.01, "offset_mm": 410.0})})
+    axes = as_told.file.axes
+    axes = axes.model_copy(update={"x_mm": axes.x_mm.model_copy(update={"offset_mm": 410.0})})
     skew = replace(as_told, file=as_told.file.model_copy(update={"axes": axes}))
     bench = simulated(small(skew))
     with bench.open() as guard:

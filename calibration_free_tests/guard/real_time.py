@@ -16,7 +16,7 @@ import numpy as np
 from drivers.combined import CombinedRig
 from drivers.grbl import GrblGantry
 from drivers.grbl_settings import GrblAxis, GrblSettings
-from rig.bench.placement import AffinePlacement
+from rig.bench.placement import AxisPlacement
 from rig.clock import SystemClock
 from rig.devices import Picture, StopReport
 from rig.errors import RigError
@@ -88,7 +88,7 @@ class StopBench:
         self.camera, self.disk = BlockedCamera(), BlockedDisk()
         pan = SimpleAxis(SimpleAxisSettings(), clock)
         gantry = GrblGantry(grbl_settings(self.server.path), clock)
-        rig = CombinedRig(gantry, {"theta_deg": pan}, self.camera, AffinePlacement(), clock)
+        rig = CombinedRig(gantry, {"theta_deg": pan}, self.camera, AxisPlacement(), clock)
         # A folder that is not there is as good as a disk that is full: the latch cannot be written.
         self.attendance = Attendance(folder / "missing", "bench", "bench")
         self.guard = Guard(rig, RULES, clock, latch=self.attendance.latch)

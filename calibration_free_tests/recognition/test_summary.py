@@ -114,23 +114,16 @@ def test_a_verdict_without_what_is_wanted_says_both() -> None:
 
 
 def test_none_of_these_ends_the_run_only_after_some_views_that_show_something() -> None:
+    """Windows cut by the frame suggest no place at all; that is no evidence against the objects."""
     beaten = split(1.0)
     beaten = replace(beaten, probability=np.zeros(len(beaten.probability)), none=1.0)
-    assert judge(WORLD, beaten, VIEWS[:2], SETTINGS) is None
-    verdict = judge(WORLD, beaten, VIEWS, SETTINGS)
-    assert verdict is not None
-    assert verdict.outcome is Outcome.UNKNOWN
-
-
-def test_where_nothing_could_be_a_part_more_views_are_wanted_before_none_of_these_is_said() -> None:
-    """Windows cut by the frame suggest no place at all; that is no evidence against the objects."""
-    nothing = Belief(Hypotheses.empty(), np.empty(0), 1.0)
-    assert judge(WORLD, nothing, VIEWS, SETTINGS) is None
-    verdict = judge(WORLD, nothing, VIEWS * 2, SETTINGS)
-    assert verdict is not None
-    assert verdict.outcome is Outcome.UNKNOWN
-    bare = [seen_from(BASE, None, camera, group=k) for k, camera in enumerate(CAMERAS)]
-    assert judge(WORLD, nothing, bare * 3, SETTINGS) is None
+    for belief in (beaten, Belief(Hypotheses.empty(), np.empty(0), 1.0)):
+        assert judge(WORLD, belief, VIEWS, SETTINGS) is None
+        verdict = judge(WORLD, belief, VIEWS * 2, SETTINGS)
+        assert verdict is not None
+        assert verdict.outcome is Outcome.UNKNOWN
+        bare = [seen_from(BASE, None, camera, group=k) for k, camera in enumerate(CAMERAS)]
+        assert judge(WORLD, belief, bare * 2, SETTINGS) is None
 
 
 def with_another_part(belief: Belief, row: int) -> Belief:

@@ -36,7 +36,7 @@ def _linear(config: BenchConfig, file: LiveBenchFile) -> Finding:
                 "limits",
                 f"axes.{name}_mm reaches {low:.1f} .. {high:.1f} in machine coordinates, and devices.gantry.{name} "
                 f"allows {axis.lower_mm:g} .. {axis.upper_mm:g}",
-                f"Narrow axes.{name}_mm, or correct its sign, scale and offset_mm",
+                f"Narrow axes.{name}_mm, or correct its sign and offset_mm",
             )
     return passed(_SUBJECT, "limits", "x, y, z of the rig frame lie within the gantry's")
 

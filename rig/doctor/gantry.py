@@ -57,7 +57,7 @@ def _settings(gantry: LiveGantry, identity: Identity, device: Device, file: Live
     settings = device.settings
     if not isinstance(gantry, GrblGantry) or not isinstance(settings, GrblSettings):
         return []  # another driver's: what its settings mean is its own
-    x, y, z = (axis.speed_mm_per_s / axis.scale for axis in (file.axes.x_mm, file.axes.y_mm, file.axes.z_mm))
+    x, y, z = (axis.speed_mm_per_s for axis in (file.axes.x_mm, file.axes.y_mm, file.axes.z_mm))
     return check_firmware(Controller(identity.kind, gantry.firmware_settings, settings, (x, y, z)))
 
 
