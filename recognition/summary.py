@@ -29,8 +29,8 @@ LEAST_PARTS = 5
 _UNSURE_SHARE = 0.05
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
 _SEEN_VIEWS = 6
-"""So many views must have shown something before a run may say that it is none of the objects: in two or three, windows cut
-by the frame may be all that is in sight."""
+"""So many views must have shown something before a run may say that it is none of the objects: in two or three, windows
+cut by the frame may be all that is in sight."""
 
 
 @dataclass(frozen=True, slots=True)

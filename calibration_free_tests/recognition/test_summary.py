@@ -117,13 +117,14 @@ def test_none_of_these_ends_the_run_only_after_some_views_that_show_something() 
     """Windows cut by the frame suggest no place at all; that is no evidence against the objects."""
     beaten = split(1.0)
     beaten = replace(beaten, probability=np.zeros(len(beaten.probability)), none=1.0)
-    for belief in (beaten, Belief(Hypotheses.empty(), np.empty(0), 1.0)):
+    nothing = Belief(Hypotheses.empty(), np.empty(0), 1.0)
+    for belief in (beaten, nothing):
         assert judge(WORLD, belief, VIEWS, SETTINGS) is None
         verdict = judge(WORLD, belief, VIEWS * 2, SETTINGS)
         assert verdict is not None
         assert verdict.outcome is Outcome.UNKNOWN
-        bare = [seen_from(BASE, None, camera, group=k) for k, camera in enumerate(CAMERAS)]
-        assert judge(WORLD, belief, bare * 2, SETTINGS) is None
+    bare = [seen_from(BASE, None, camera, group=k) for k, camera in enumerate(CAMERAS)]
+    assert judge(WORLD, nothing, bare * 2, SETTINGS) is None
 
 
 def with_another_part(belief: Belief, row: int) -> Belief:
