@@ -51,6 +51,9 @@ Policy = Annotated[
 ]
 
 
+_LONG_S = 2.0
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands."""
     app.command(epilog=example("rig demo", "rig demo --seed 3 --out /tmp/demo"))(demo)
@@ -316,4 +319,22 @@ def _run(
         version=version("calibration-free-rig"),
     )
     folder = new_run_folder(out, as_json, label, datetime.now())
+    _compile_first()
     return watch_run(steps_of(rig, models, settings), RunRecorder(folder, start, models), as_json, rig)
+
+
+def _compile_first() -> None:
+    """Have the inner loops compiled before the first view; says so where that takes long."""
+    from threading import Timer
+
+    from recognition.warming import warm_up
+
+    notice = Timer(
+        _LONG_S, print, ["compiling the inner loops, once after an installation; about 20 s"], {"file": sys.stderr}
+    )
+    notice.daemon = True
+    notice.start()
+    try:
+        warm_up()
+    finally:
+        notice.cancel()
