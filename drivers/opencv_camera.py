@@ -135,12 +135,17 @@ class OpenCvCamera:
         before = session.latest.picture.sequence if session.latest is not None else 0
         received = self._wait_for(session, began_s, "next", self._clock.now_s(), before + _FRAMES_UNTIL_LOCKED)
         height, width = received.picture.image.shape[:2]
-        if self._settings.size not in (None, (width, height)):
-            asked = "{}x{}".format(*self._settings.size or ())
-            raise HardwareError(
-                f"{self._settings.source}: gives {width}x{height} pixels, not {asked}. Ask for a size that it has "
-                "(`v4l2-ctl --list-formats-ext` tells), or leave width_px and height_px out"
+        # A camera that gives another size than before the link was lost has a fault, whatever size the bench allows.
+        expected = self._settings.size or self._size
+        if expected not in (None, (width, height)):
+            asked = "{}x{}".format(*expected or ())
+            remedy = (
+                f"not {asked}. Ask for a size that it has (`v4l2-ctl --list-formats-ext` tells), or leave width_px and "
+                "height_px out"
+                if self._settings.size
+                else f"not {asked} as before. Does another program change the camera's settings? Try again"
             )
+            raise HardwareError(f"{self._settings.source}: gives {width}x{height} pixels, {remedy}")
         self._size = (width, height)
 
     def _wait_for(self, session: CameraSession, began_s: float, which: str, until_s: float, after: int) -> Received:

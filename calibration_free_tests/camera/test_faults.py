@@ -54,6 +54,17 @@ def test_a_camera_with_faulty_pictures_is_refused_and_the_fault_named(kind: Came
     assert bench.clock.now_s() - start_s < 1.0
 
 
+def test_a_camera_that_comes_back_with_another_size_is_refused_whatever_size_the_bench_allows() -> None:
+    bench = connected()
+    bench.camera.close()
+    broken(CameraFaultKind.WRONG_SIZE, bench, seconds=5.0)
+    with pytest.raises(HardwareError, match=r"gives 32x24 pixels, not 64x48 as before"):
+        bench.camera.connect()
+    bench.clock.sleep_s(5.0)
+    bench.camera.connect()
+    assert bench.move_and_capture(np.random.default_rng(3)).picture.image.shape == (48, 64, 3)
+
+
 @pytest.mark.parametrize("kind", FAULTY, ids=lambda kind: kind.value)
 def test_a_fault_that_passes_costs_a_moment_and_never_a_bad_picture(kind: CameraFaultKind) -> None:
     bench = connected()
