@@ -94,6 +94,6 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 
 
 def test_an_arm_beyond_the_safety_margin_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"margin_mm \(80\) is shorter than the mount's lever arm"):
+    with pytest.raises(InputError, match=r"margin_mm: 80 mm is shorter than the mount's lever arm"):
         written(tmp_path, LIVE, Mount(x_mm=100.0))
     assert not (tmp_path / "new.yaml").exists()

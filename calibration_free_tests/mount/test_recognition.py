@@ -79,6 +79,6 @@ def test_the_place_is_right_where_the_bench_tells_the_mount(rendered: RenderedRi
     assert off_deg < 0.2
 
 
-def test_the_place_is_wrong_where_it_does_not(rendered: RenderedRig, folder: Path) -> None:
+def test_the_place_is_not_found_where_it_does_not(rendered: RenderedRig, folder: Path) -> None:
     answer, last = answer_on(folder, BENCH)
-    assert gap(rendered, answer, last)[0] > 10.0
+    assert answer.pose is None or gap(rendered, answer, last)[0] > 10.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -89,19 +89,20 @@ def status(
 ) -> None:
     """Show what the devices say; also of a bench that another process holds. Nothing moves."""
     from rig.bench import attendance_of, load_bench
+    from rig.cli.interrupt import ends_gently
 
     config = load_bench(bench)
     attendance = attendance_of(config)
-    # Ctrl-C is how watching ends, wherever it falls.
-    with suppress(KeyboardInterrupt) if watch else nullcontext():
+    # Ctrl-C is how watching ends. As an exception it could fall where Python only prints it, and be lost.
+    with ends_gently(silent=True) if watch else nullcontext(lambda: True) as ended:
         if (told := attendance.ask("status")) is not None:
             while told is not None:
                 _show(told, as_json)
-                told = attendance.ask("status") if watch and _waited() else None
+                told = None if _waited(ended) else attendance.ask("status")
             return
         with _open(config) as guard:
             _tell(guard, as_json)
-            while watch and _waited():
+            while not _waited(ended):
                 _tell(guard, as_json)
 
 
@@ -214,11 +215,14 @@ def _changed(pose: RigPose, told: dict[str, float]) -> RigPose:
     return replace(pose, **told)
 
 
-def _waited() -> bool:
+def _waited(ended: Callable[[], bool]) -> bool:
+    """Wait until the next look; says if there is to be none."""
     import time
 
-    time.sleep(WATCH_S)
-    return True
+    until_s = time.monotonic() + WATCH_S
+    while not ended() and time.monotonic() < until_s:
+        time.sleep(0.05)
+    return ended()
 
 
 def _stop_all() -> list[dict[str, Any]]:

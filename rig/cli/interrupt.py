@@ -28,7 +28,7 @@ class Halts(Protocol):
 
 
 @contextmanager
-def ends_gently(rig: object = None) -> Iterator[Callable[[], bool]]:
+def ends_gently(rig: object = None, *, silent: bool = False) -> Iterator[Callable[[], bool]]:
     """While inside, SIGINT and SIGTERM are requests; yields a function that says whether one was made.
 
     Of a rig that moves (`Halts`) the first also holds the motion; the second stops it for good (STOP, latched), and
@@ -50,7 +50,8 @@ def ends_gently(rig: object = None) -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         asked.set()
         wishes.put("hold")
-        print(saying, file=sys.stderr, flush=True)
+        if not silent:
+            print(saying, file=sys.stderr, flush=True)
 
     if threading.current_thread() is not threading.main_thread():
         yield asked.is_set
