@@ -116,6 +116,12 @@ def estimate_pose(
         rotation = np.radians([start.theta_deg]) if isinstance(start, Pose4) else start.rotation[None]
         minima = polish(centred, start_state(rotation, shift, priors), priors, tail_sd)
     if minima is None:
+        high = np.abs(centred.points_mm[:, 1]).max()
+        if dof == 4 and high < 1e-6 * np.abs(centred.points_mm).max():
+            raise DegenerateGeometryError(
+                "all points lie in one horizontal plane: with a rotation about Y alone, their height trades against fy "
+                "and v0. Add a point above or below them"
+            )
         raise DegenerateGeometryError(
             "no pose has all points in front of the camera and positive focal lengths: the corners are mirrored, "
             "mismatched, or in another order than the pixels"

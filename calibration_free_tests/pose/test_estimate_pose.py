@@ -195,6 +195,12 @@ def test_degenerate_points_are_refused_with_the_reason(name: str, dof: int) -> N
         estimate_pose(points, picture(points, POSE), dof=dof)
 
 
+def test_points_of_one_height_are_refused_with_the_reason() -> None:
+    level = GENERAL * [1.0, 0.0, 1.0]
+    with pytest.raises(DegenerateGeometryError, match="one horizontal plane"):
+        estimate_pose(level, picture(level, POSE))
+
+
 def test_a_part_seen_edge_on_is_refused() -> None:
     pixels = picture(WINDOW, POSE)
     pixels[:, 0] = 600.0
