@@ -352,6 +352,47 @@ def test_a_holder_that_does_not_answer_is_told_with_the_remedy(tmp_path: Path, m
             ask(tmp_path / "key.sock", "stop")
 
 
+def test_who_asked_for_a_stop_is_answered_before_the_stopped_process_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attendance, made = attended(tmp_path)
+    stopping, stopped = threading.Event(), threading.Event()
+    stop = made.guard.stop
+
+    def slow_stop(by: str = "") -> StopReport:
+        stopping.set()
+        threading.Event().wait(0.2)
+        report = stop(by)
+        stopped.set()
+        return report
+
+    monkeypatch.setattr(made.guard, "stop", slow_stop)
+    answers: list[dict[str, Any] | None] = []
+    with made.guard:
+        asker = in_a_thread(lambda: answers.append(attendance.ask("stop", by="a person")))
+        assert stopping.wait(SOON_S)
+    assert stopped.is_set()
+    asker.join(SOON_S)
+    assert [(answer or {})["confirmed"] for answer in answers] == [True]
+
+
+def test_a_holder_that_hangs_up_and_goes_is_no_holder(tmp_path: Path) -> None:
+    import socket
+
+    path = tmp_path / "key.sock"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as ending:
+        ending.bind(str(path))
+        ending.listen()
+
+        def end() -> None:
+            ending.accept()[0].close()
+            path.unlink()
+
+        thread = in_a_thread(end)
+        assert ask(path, "stop") is None
+        thread.join(SOON_S)
+
+
 def test_the_socket_of_a_killed_process_is_taken_away_and_that_of_a_living_one_is_not(tmp_path: Path) -> None:
     import socket
 

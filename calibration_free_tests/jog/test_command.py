@@ -64,11 +64,12 @@ def test_a_terminal_without_a_size_is_refused(
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_screen_that_leaves_when_asked_is_not_forced(number: int) -> None:
     forced: list[str] = []
+    before = signal.getsignal(number)
     with leaves_in_order(lambda: forced.append("forced"), end=lambda code: forced.append("ended")) as leave:
         os.kill(os.getpid(), number)
         assert leave.wait(5.0)
     assert forced == []
-    assert signal.getsignal(number) is signal.SIG_DFL
+    assert signal.getsignal(number) is before
 
 
 def test_where_the_screen_hangs_the_bench_is_held_and_closed_all_the_same(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import socket
 import socketserver
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +20,7 @@ from rig.runtime.telling import status_object, stop_object
 
 ANSWER_S = 15.0
 """A STOP may wait for a slow device to be at rest; its first byte went out long before."""
+_TIMES, _AGAIN_S = 10, 0.1
 _ASK_S = 2.0
 _MOST_BYTES = 4096
 
@@ -74,6 +76,25 @@ def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
         HardwareError: somebody does, and does not answer in time.
         RigError: what was asked was refused, and why.
     """
+    asked = json.dumps({"what": what, **details}).encode() + b"\n"
+    for _ in range(_TIMES):
+        try:
+            answer = _exchange(path, asked)
+            break
+        except ConnectionError as failure:
+            # It is just ending, or was killed: soon nobody is there, and who asks for a STOP must send it himself.
+            hung_up = failure
+            time.sleep(_AGAIN_S)
+        except (OSError, ValueError) as failure:
+            raise _mute(path, failure) from failure
+    else:
+        raise _mute(path, hung_up)
+    if answer is not None and "refused" in answer:
+        raise RigError(str(answer["refused"]))
+    return answer
+
+
+def _exchange(path: Path, asked: bytes) -> dict[str, Any] | None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(_ASK_S)
         try:
@@ -81,21 +102,20 @@ def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
         except OSError:
             return None
         line.settimeout(ANSWER_S)
-        try:
-            line.sendall(json.dumps({"what": what, **details}).encode() + b"\n")
-            answer = json.loads(_whole_line(line))
-        except (OSError, ValueError) as failure:
-            raise HardwareError(
-                f"{path}: the process that holds the bench does not answer ({failure}). Use the wired emergency stop, "
-                "then end that process"
-            ) from failure
-    if "refused" in answer:
-        raise RigError(str(answer["refused"]))
-    return dict(answer)
+        line.sendall(asked)
+        return dict(json.loads(_whole_line(line)))
+
+
+def _mute(path: Path, failure: Exception) -> HardwareError:
+    return HardwareError(
+        f"{path}: the process that holds the bench does not answer ({failure}). Use the wired emergency stop, "
+        "then end that process"
+    )
 
 
 class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
-    daemon_threads = True
+    # A STOP ends the command that it stops, and often the process: who asked for it is answered first.
+    daemon_threads, block_on_close = False, True
 
     def __init__(self, path: str, bench: str, guard: Attended) -> None:
         self.bench, self.guard = bench, guard
@@ -139,7 +159,7 @@ def _whole_line(line: socket.socket) -> bytes:
     while not found.endswith(b"\n"):
         more = line.recv(_MOST_BYTES)
         if not more:
-            raise OSError("it hung up")
+            raise ConnectionError("it hung up")
         found += more
     return found
 
