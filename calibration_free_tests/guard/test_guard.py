@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -528,6 +529,16 @@ def test_a_hold_in_homing_leaves_the_rig_unhomed_and_free_to_home() -> None:
     assert made.guard.resume() is State.UNHOMED
     made.guard.home()
     made.guard.move_to(START)
+
+
+def test_python_collects_no_garbage_while_anything_moves() -> None:
+    made = homed()
+    collecting: dict[State, bool] = {}
+    for asks in (lambda: made.guard.move_to(ELSEWHERE), lambda: made.guard.jog(dy_mm=1.0), made.guard.capture):
+        in_a_moment(made, lambda: collecting.setdefault(made.guard.state, gc.isenabled()), 0.001)
+        asks()
+        assert gc.isenabled()
+    assert collecting == {State.MOVING: False, State.JOGGING: False, State.CAPTURING: True}
 
 
 def test_a_hold_at_rest_touches_no_torque() -> None:

@@ -48,7 +48,6 @@ def jog(
     from rig.jog.leaving import leaves_in_order
     from rig.jog.looking import Looker
     from rig.jog.marks import Marks, marks_file
-    from rig.jog.pauses import Pauses
 
     config = load_bench(bench)
     marks = Marks(marks_file(config.key))
@@ -64,8 +63,7 @@ def jog(
             # What is wrong with a grid that is there is told before anything can move.
             grid.open()
         stack.enter_context(guard)
-        pauses = stack.enter_context(Pauses(guard.clock))
-        jogger = stack.enter_context(Jogger(guard, grid, marks, at_rest=pauses.take))
+        jogger = stack.enter_context(Jogger(guard, grid, marks))
         looker = stack.enter_context(Looker(guard.latest))
         url = ""
         if preview or preview_port is not None:

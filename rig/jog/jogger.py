@@ -51,20 +51,10 @@ class Jogger:
         grid: keeps the pictures.
         marks: places to come back to.
         idle_s: how often the devices are asked while nothing is commanded; real time.
-        at_rest: called then, too, by the commands' thread.
     """
 
-    def __init__(
-        self,
-        guard: Guard,
-        grid: HandGrid,
-        marks: Marks,
-        *,
-        idle_s: float = IDLE_S,
-        at_rest: Callable[[], object] = lambda: None,
-    ) -> None:
+    def __init__(self, guard: Guard, grid: HandGrid, marks: Marks, *, idle_s: float = IDLE_S) -> None:
         self._guard, self._grid, self._marks = guard, grid, marks
-        self._at_rest = at_rest
         self._lock = threading.Lock()
         self._messages: deque[Message] = deque(maxlen=_MESSAGES)
         self._steps = {"mm": 1.0, "°": 1.0, "": 0.1}
@@ -293,7 +283,6 @@ class Jogger:
 
     def _ask(self) -> None:
         def run() -> str:
-            self._at_rest()
             self._guard.status()
             return ""
 
