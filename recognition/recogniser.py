@@ -123,7 +123,7 @@ class _State:
         if len(belief.hypotheses) == 0 or len(self.views) < 2:
             return
         group = leading_group(self.world, belief, self.views)
-        if belief.probability[group].sum() < (_ABOUT_TO_WIN if len(self.views) < 4 else _AHEAD):
+        if belief.probability[group].sum() < self.settings.threshold:
             return
         challengers = rivals(self.world, belief.hypotheses, self.views, 0)
         if len(challengers) == 0:
