@@ -225,19 +225,24 @@ def _distance(hypotheses: Hypotheses, seen: Seen) -> FloatArray:
 
 
 def weigh(world: World, hypotheses: Hypotheses) -> Belief:
-    """Normalise the weights: a uniform prior over places, against the prior of "none of these".
+    """Normalise the weights: the prior over places, against the prior of "none of these".
 
     A hypothesis whose matches have all been taken back explains nothing; there may be more of these than places, and
     what they hold belongs to "none of these".
     """
-    places = len(world.layout.part_ids)
-    log_place = np.log1p(-NONE_PRIOR) - np.log(places)
-    matched = np.zeros(len(hypotheses), dtype=bool)
-    for found in hypotheses.matches:
-        matched |= (found.part >= 0).any(axis=1)
-    log_weight = np.append(np.where(matched, hypotheses.log_weight + log_place, -np.inf), np.log(NONE_PRIOR))
+    place = _first_place(hypotheses)
+    log_prior = np.where(place >= 0, np.log1p(-NONE_PRIOR) + world.places.log_weight[place], -np.inf)
+    log_weight = np.append(hypotheses.log_weight + log_prior, np.log(NONE_PRIOR))
     log_weight -= log_weight.max()
     p = np.exp(log_weight)
     p /= p.sum()
     order = np.argsort(-p[:-1], kind="stable")
     return Belief(hypotheses.take(order), p[:-1][order], float(p[-1]))
+
+
+def _first_place(hypotheses: Hypotheses) -> IntArray:
+    """``(H,)`` the part that each hypothesis matches best in the first view where it matches any; -1 where in none."""
+    place = np.full(len(hypotheses), -1)
+    for found in hypotheses.matches:
+        place = np.where(place >= 0, place, found.part[:, 0])
+    return place

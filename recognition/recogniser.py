@@ -48,7 +48,7 @@ def recognise(
 
         return (yield from recognise_as_paper(rig, model_base, settings, detector=detector))
     finder = detector if detector is not None else load_detector(settings.detector, model_base.classes)
-    state = _State(rig, make_world(model_base, settings.bounds, settings.rates), settings)
+    state = _State(rig, make_world(model_base, settings.bounds, settings.rates, settings.prior), settings)
     policy = load_policy(settings.policy)
     while True:
         frame = levelled(rig.capture(), settings.mount)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from recognition.geometry import Mount
@@ -109,6 +110,7 @@ class RecogniserSettings:
         mount: how the camera hangs on the rig.
         rates: how the detector behaves on this bench.
         effort: how much work a step may take.
+        prior: file of a prior over places that was sampled off-line; ``None``: by area.
 
     Raises:
         InputError: a value is out of its range; names option, value and range.
@@ -126,10 +128,15 @@ class RecogniserSettings:
     mount: Mount = field(default_factory=Mount)
     rates: DetectionRates = field(default_factory=DetectionRates)
     effort: Effort = field(default_factory=Effort)
+    prior: Path | None = None
 
     def __post_init__(self) -> None:
         if self.mode not in ("graded", "paper"):
             raise InputError(f"unknown mode {self.mode!r}", where="--mode", remedy="Choose graded or paper")
+        if self.mode == "paper" and self.prior is not None:
+            raise InputError(
+                "paper mode has the paper's prior, by area", where="--prior", remedy="Leave it out, or take graded"
+            )
         # `not (a <= v)` rather than `v < a`: NaN must not pass.
         if not 0.0 < self.threshold <= 1.0:
             raise InputError(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from recognition.hypotheses import MOST_MATCHES, Hypotheses, gather, no_matches,
 from recognition.layout import Layout, compile_layout
 from recognition.likelihood import part_log_odds, view_log_odds
 from recognition.modelbase import ModelBase
+from recognition.place_prior import PlacePrior, by_area, read_prior
 from recognition.priors import Priors
 from recognition.proposals import Proposals, Surroundings, focal_range, surroundings
 from recognition.rates import DetectionRates
@@ -41,13 +43,14 @@ _FOCAL_SD, _CENTRE_SD = 0.05, 0.03
 
 @dataclass(frozen=True)
 class World:
-    """What stays the same during a run: the model base as arrays, the bench's bounds, and the detector's rates."""
+    """What stays the same during a run: model base as arrays, bounds of the bench, rates of the detector, prior."""
 
     layout: Layout
     around: Surroundings
     walls: Walls
     bounds: BenchBounds
     rates: DetectionRates
+    places: PlacePrior
 
     def priors(self, image_size: tuple[int, int]) -> Priors:
         """Soft knowledge of any camera, with the lens's range from the bench."""
@@ -55,10 +58,16 @@ class World:
         return Priors(image_size=size, focal_range_px=focal_range(self.bounds, image_size[0]))
 
 
-def make_world(base: ModelBase, bounds: BenchBounds, rates: DetectionRates) -> World:
-    """Compile a model base for recognition."""
+def make_world(base: ModelBase, bounds: BenchBounds, rates: DetectionRates, prior: Path | None = None) -> World:
+    """Compile a model base for recognition; ``prior``: a file of places sampled off-line, instead of by area.
+
+    Raises:
+        InputError: the prior cannot be used for this base.
+    """
     layout = compile_layout(base)
-    return World(layout, surroundings(layout), walls_of(layout), bounds, rates)
+    walls = walls_of(layout)
+    places = by_area(layout, walls) if prior is None else read_prior(prior, layout)
+    return World(layout, surroundings(layout), walls, bounds, rates, places)
 
 
 def start(world: World, proposals: Proposals, views: list[Seen], view: int) -> Hypotheses:

@@ -151,6 +151,12 @@ def recognise(
     detector: Annotated[
         str, typer.Option("--detector", metavar="NAME", help="What finds the parts in a picture.")
     ] = "segmentation",
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            "--prior", metavar="FILE", help="Prior over places from `rig model prior`. [default: by area of the walls]"
+        ),
+    ] = None,
     allow_partial: Annotated[
         bool, typer.Option("--allow-partial", help="Go on where the image grid lacks pictures.")
     ] = False,
@@ -178,6 +184,7 @@ def recognise(
         pose_sd_deg=pose_sd_deg,
         seed=seed,
         detector=chosen("--detector", detector, "rig.detectors"),
+        prior=prior,
     )
     if bench is not None:
         config = load_bench(bench)
@@ -314,7 +321,7 @@ def _run(
     start = RunStart(
         models=models.name,
         bench=bench,
-        settings=asdict(settings),
+        settings=asdict(settings) | {"prior": None if settings.prior is None else str(settings.prior)},
         command=shlex.join(["rig", *sys.argv[1:]]),
         version=version("calibration-free-rig"),
     )
