@@ -29,6 +29,7 @@ NONE_PRIOR = 0.05
 _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
 _RIVALS, _REPAIRED = 120, 40
 _PER_MATCH = 3.0
+_RICHEST = 2
 _TELLS = 3
 """A second view leaves one in so many of the places that a first one suggests."""
 
@@ -92,7 +93,7 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
         carried = join(settle(world, carried.take(ahead), views), carried)
     if views[last].count == 0:
         return _repair(world, carried, views) if carried is not None else Hypotheses.empty(views)
-    fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh)
+    fresh = _fresh(world, views, effort, effort.proposals if carried is None else effort.fresh, last)
     everything = fresh if carried is None else join(carried, fresh)
     return _repair(world, thin(everything, views[last], effort.tracked), views)
 
@@ -116,13 +117,12 @@ def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most:
     return join(ahead, score_view(world, hypotheses, views, last))
 
 
-def _fresh(world: World, views: list[Seen], effort: Effort, most: int) -> Hypotheses:
-    """Places that the last view suggests, tried on all views."""
-    last = len(views) - 1
+def _fresh(world: World, views: list[Seen], effort: Effort, most: int, source: int) -> Hypotheses:
+    """Places that one view suggests, tried on all views so far."""
     proposals = propose(
         world.layout,
         world.around,
-        views[last],
+        views[source],
         world.bounds,
         anchors=effort.anchors,
         most=most,
@@ -131,14 +131,27 @@ def _fresh(world: World, views: list[Seen], effort: Effort, most: int) -> Hypoth
     )
     if len(proposals.part) == 0:
         return Hypotheses.empty(views)
-    fresh = thin(start(world, proposals, views, last), views[last], most)
+    fresh = thin(start(world, proposals, views, source), views[source], most)
     # One view of regular rows suggests more places than can be tried on all views; another with much in it tells most.
-    earlier = sorted((k for k in range(last) if views[k].count), key=lambda k: -views[k].count)
-    for k in earlier:
+    others = sorted((k for k in range(len(views)) if k != source and views[k].count), key=lambda k: -views[k].count)
+    for k in others:
         fresh = look_in(world, fresh, views, k)
-        if k == earlier[0] and len(earlier) > 1:
-            fresh = thin(rescore(world, fresh, views, (k, last)), views[last], max(1, most // _TELLS))
+        if k == others[0] and len(others) > 1:
+            fresh = thin(rescore(world, fresh, views, (k, source)), views[-1], max(1, most // _TELLS))
     return settle(world, fresh, views)
+
+
+def challengers(world: World, views: list[Seen], effort: Effort) -> Hypotheses:
+    """All places that the views with most in them suggest, as if nothing had been believed before.
+
+    What is believed has come through the eye of a needle: at each view only the places that were ahead went on. A place
+    of which the first views missed much may have been dropped, though all views together speak for it.
+    """
+    richest = sorted((k for k in range(len(views)) if views[k].count), key=lambda k: -views[k].count)[:_RICHEST]
+    found = Hypotheses.empty(views)
+    for k in richest:
+        found = join(found, _fresh(world, views, effort, effort.proposals, k))
+    return found
 
 
 def rivals(world: World, hypotheses: Hypotheses, views: list[Seen], row: int) -> Hypotheses:

@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 
 import numpy as np
 
-from recognition.belief import Belief, rivals, thin, update, weigh
+from recognition.belief import Belief, challengers, rivals, thin, update, weigh
 from recognition.detectors import load_detector
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
 from recognition.journey import Journey
@@ -125,10 +125,11 @@ class _State:
         group = leading_group(self.world, belief, self.views)
         if belief.probability[group].sum() < self.settings.threshold:
             return
-        challengers = rivals(self.world, belief.hypotheses, self.views, 0)
-        if len(challengers) == 0:
+        alike = rivals(self.world, belief.hypotheses, self.views, 0)
+        others = join(alike, challengers(self.world, self.views, self.settings.effort))
+        if len(others) == 0:
             return
-        best = thin(challengers, self.views[-1], max(self.settings.effort.second_looks, 40))
+        best = thin(others, self.views[-1], max(self.settings.effort.second_looks, 40))
         self._believe(
             thin(join(belief.hypotheses, self._look_again(best)), self.views[-1], len(belief.hypotheses) + 40)
         )

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from recognition.association import BEYOND_PX, NO_VOTES, OpenScale, match, vote_shift
+from recognition.geometry import rotation_y
 from recognition.hypotheses import MOST_MATCHES, Hypotheses, gather, no_matches, out_of_reach, refine
 from recognition.layout import Layout, compile_layout
 from recognition.likelihood import part_log_odds, view_log_odds
@@ -31,6 +32,8 @@ IntArray = npt.NDArray[np.int64]
 _REACH_PX = (320.0, 120.0, 60.0)
 """How far a view's picture may lie from its prediction after one, two, three and more views, for 1,280 px width."""
 _REACH_NEW_PX = 260.0
+_FURTHEST_SHARE = 0.4
+"""However open a place, its picture is searched for no further than this share of the width."""
 _BEYOND_COST = 40.0
 """What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
 _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
@@ -257,6 +260,29 @@ def _new_zoom_scales(world: World, views: list[Seen], view: int) -> tuple[float,
     return tuple(float(v) for v in np.exp(np.linspace(-half, half, 2 * steps + 1)))
 
 
+def doubt_px(layout: Layout, hypotheses: Hypotheses, seen: Seen, pairs: Pairs, internals: FloatArray) -> FloatArray:
+    """``(H,)`` sd, px, of where a view shows the parts that each hypothesis expects, by its placement's covariance."""
+    n = len(hypotheses)
+    count = np.bincount(pairs.hypothesis, minlength=n)
+    middle = np.zeros((n, 3))
+    np.add.at(middle, pairs.hypothesis, layout.centre_mm[pairs.part])
+    middle /= np.maximum(count, 1)[:, None]
+    phi = hypotheses.placement[:, 0]
+    c, s = np.cos(phi), np.sin(phi)
+    x, y, z = np.moveaxis(middle, -1, 0)
+    in_rig = np.stack([c * x + s * z, y, c * z - s * x], axis=1) + hypotheses.placement[:, 1:]
+    slope = np.zeros((n, 3, 4))
+    slope[:, 0, 0], slope[:, 2, 0] = c * z - s * x, -(c * x + s * z)
+    slope[:, :, 1:] = np.eye(3)
+    turn = rotation_y(np.array([seen.camera_row[0]]))[0]
+    at, slope = (in_rig - seen.camera.centre_mm) @ turn.T, turn @ slope
+    depth = np.maximum(at[:, 2], 1.0)[:, None]
+    across = (slope[:, 0] - at[:, :1] / depth * slope[:, 2]) / depth * internals[:, :1]
+    down = (slope[:, 1] - at[:, 1:2] / depth * slope[:, 2]) / depth * internals[:, 1:2]
+    variance = [np.einsum("hi,hij,hj->h", j, hypotheses.covariance, j) for j in (across, down)]
+    return np.where(count > 0, np.sqrt(np.maximum(np.max(variance, axis=0), 0.0)), 0.0)
+
+
 def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, *, modes: int = 1) -> Hypotheses:
     """Find each hypothesis in a view where it may be displaced: the best image shifts, one child hypothesis for each.
 
@@ -286,6 +312,8 @@ def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, 
         margin_px=-BEYOND_PX * seen.image_size[0] / 1280.0,
         least_px=LEAST_PART_PX * scales[0] / scales[-1],
     )
+    doubt = 3.0 * doubt_px(world.layout, hypotheses, seen, pairs, guess)
+    reach = np.maximum(reach, np.minimum(doubt, _FURTHEST_SHARE * seen.image_size[0]))
     centre = guess[:, 2:].copy()
     about = centre[pairs.hypothesis][:, None]
     as_guessed = about + (pairs.corners_px - about) / widest[pairs.hypothesis][:, None, None]

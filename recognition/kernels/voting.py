@@ -52,10 +52,9 @@ def vote(
     half = int(np.ceil(reach_px.max() / bin_px)) + 1 if count else 1
     side = 2 * half + 1
     far = np.empty((side, side))
-    furthest = max(reach_px.max(), 1.0) if count else 1.0
     for r in range(side):
         for k in range(side):
-            far[r, k] = FAR_COST * bin_px * np.hypot(float(r - half), float(k - half)) / furthest
+            far[r, k] = FAR_COST * bin_px * np.hypot(float(r - half), float(k - half))
     votes, last, part_vote = np.zeros((side, side)), np.full((side, side), -1), np.zeros((side, side))
     shifts, best_scale = np.zeros((count, modes, 2)), np.zeros((count, modes), np.int64)
     best_votes = np.full((count, modes), _NONE)
@@ -77,7 +76,10 @@ def vote(
                     frame, beyond_px, least_px, bin_px, half, votes, last, part_vote, touched, used,
                 )  # fmt: skip
             cost = SCALE_COST * abs(np.log(scales[s]))
-            _peaks(votes, far, touched, used, half, bin_px, cost, s, peak, shifts[h], best_scale[h], best_votes[h])
+            _peaks(
+                votes, far, 1.0 / max(reach_px[h], 1.0), touched, used, half, bin_px, cost, s, peak, shifts[h],
+                best_scale[h], best_votes[h],
+            )  # fmt: skip
             for t in range(used):
                 votes[touched[t, 0], touched[t, 1]] = 0.0
                 last[touched[t, 0], touched[t, 1]] = -1
@@ -141,6 +143,7 @@ def _part_votes(
 def _peaks(
     votes: FloatArray,
     far: FloatArray,
+    nearness: float,
     touched: IntArray,
     used: int,
     half: int,
@@ -155,11 +158,11 @@ def _peaks(
     """Put the highest peaks of one scale among the best so far; a peak is a cell with votes, or beside one."""
     side = len(votes)
     # Without any vote the picture is taken to be where it is expected.
-    peak[half, half] = _smooth(votes, half, half) - far[half, half]
+    peak[half, half] = _smooth(votes, half, half)
     for t in range(used):
         for r in range(max(touched[t, 0] - 1, 0), min(touched[t, 0] + 2, side)):
             for c in range(max(touched[t, 1] - 1, 0), min(touched[t, 1] + 2, side)):
-                peak[r, c] = _smooth(votes, r, c) - far[r, c]
+                peak[r, c] = _smooth(votes, r, c) - nearness * far[r, c]
     for _ in range(len(best_votes)):
         top, at_r, at_c = peak[half, half], half, half
         for t in range(used):
