@@ -157,8 +157,8 @@ def _seen_groups(hypotheses: Hypotheses, groups: IntArray, count: int) -> BoolAr
 _PRINCIPAL_REACH, _ASPECT_REACH = 0.5, 0.15
 
 
-def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> ViewMatches:
-    """Matches as padded arrays, the nearest ``MOST_MATCHES`` of each hypothesis."""
+def gather(matching: Matching, seen: Seen, hypotheses: int, sd_px: FloatArray) -> ViewMatches:
+    """Matches as padded arrays, the nearest ``MOST_MATCHES`` of each hypothesis; ``sd_px`` ``(n,)`` of a corner."""
     corners = seen.corners_px.shape[1]
     part = np.full((hypotheses, MOST_MATCHES), -1)
     px = np.zeros((hypotheses, MOST_MATCHES, corners, 2))
@@ -173,7 +173,7 @@ def gather(matching: Matching, seen: Seen, hypotheses: int, floor_px: float) -> 
     det = matching.detection[hit]
     part[row, column] = matching.pairs.part[hit]
     px[row, column] = seen.corners_px[det]
-    weight[row, column] = 1.0 / np.hypot(seen.sigma_px[det], floor_px)
+    weight[row, column] = 1.0 / np.hypot(seen.sigma_px[det], sd_px[hit])
     return ViewMatches(part, px, weight)
 
 

@@ -24,7 +24,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 def part_log_odds(
-    layout: Layout, matching: Matching, seen: Seen, rates: DetectionRates, blur_px: FloatArray
+    layout: Layout, matching: Matching, seen: Seen, rates: DetectionRates, blur_px: FloatArray, sd_px: FloatArray
 ) -> FloatArray:
     """Log odds ``(n,)`` that each expected part brings: found against clutter, or missed.
 
@@ -34,6 +34,7 @@ def part_log_odds(
         seen: the view.
         rates: how the detector behaves.
         blur_px: ``(n,)`` sd of where the part is expected, before anything of the view was matched.
+        sd_px: ``(n,)`` sd of a corner about its prediction once it is matched, beside the detection's own.
     """
     pairs = matching.pairs
     rate = _rate(pairs, seen, rates, blur_px)
@@ -44,7 +45,7 @@ def part_log_odds(
     det = matching.detection[hit]
     low, high = bounding_box(pairs.corners_px[hit])
     size = np.maximum(high - low, 4.0)
-    sd = np.hypot(seen.sigma_px[det], rates.corner_sd_px)
+    sd = np.hypot(seen.sigma_px[det], sd_px[hit])
     count = layout.corner_count[pairs.part[hit]]
     # Clutter: anywhere in the frame, any size within e^3, corners off a window's shape by a tenth of its size.
     loose = 0.1 * np.sqrt(size.prod(axis=1))

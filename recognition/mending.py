@@ -16,7 +16,16 @@ from recognition.association import match, vote_shift
 from recognition.hypotheses import Hypotheses, best, forget, gather, join, refine
 from recognition.likelihood import most_log_odds
 from recognition.seen import Seen
-from recognition.tracking import World, expected_blur, expected_internals, expected_parts, look_in, part_gate, rescore
+from recognition.tracking import (
+    World,
+    expected_blur,
+    expected_internals,
+    expected_parts,
+    expected_sd,
+    look_in,
+    part_gate,
+    rescore,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -100,7 +109,8 @@ def complete(world: World, hypotheses: Hypotheses, views: list[Seen], view: int)
     n = len(hypotheses)
     internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
-    matching = match(world.layout, pairs, seen, part_gate(world, pairs, 0.08))
+    sd = expected_sd(world, pairs, internals)
+    matching = match(world.layout, pairs, seen, part_gate(pairs, 0.08, sd))
     lost = np.flatnonzero(matching.detection < 0)
     reach = np.full(n, _REACH_PX * seen.image_size[0] / 1280.0)
     shifts = vote_shift(pairs.take(lost), seen, n, reach).shift_px
@@ -108,6 +118,6 @@ def complete(world: World, hypotheses: Hypotheses, views: list[Seen], view: int)
     corners[lost] += shifts[pairs.hypothesis[lost], 0][:, None]
     moved = replace(pairs, corners_px=corners)
     matches = list(hypotheses.matches)
-    again = match(world.layout, moved, seen, part_gate(world, moved, 0.25), foremost=True)
-    matches[view] = gather(again, seen, n, world.rates.corner_sd_px)
+    again = match(world.layout, moved, seen, part_gate(moved, 0.25, sd), foremost=True)
+    matches[view] = gather(again, seen, n, sd)
     return replace(hypotheses, matches=tuple(matches))

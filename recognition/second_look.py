@@ -15,7 +15,7 @@ from recognition.association import match
 from recognition.hypotheses import MOST_MATCHES, Hypotheses, ViewMatches, gather, refine
 from recognition.likelihood import edge_log_odds, part_log_odds, view_log_odds
 from recognition.seen import Seen
-from recognition.tracking import World, expected_blur, expected_internals, expected_parts
+from recognition.tracking import World, expected_blur, expected_internals, expected_parts, expected_sd
 from recognition.visibility import Pairs
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,19 +42,18 @@ def _look(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) ->
     seen = views[view]
     internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
-    gate = np.full(len(pairs.part), 1.0 + 6.0 * world.rates.corner_sd_px)
-    matching = match(world.layout, pairs, seen, gate)
+    sd = expected_sd(world, pairs, internals)
+    matching = match(world.layout, pairs, seen, 1.0 + 6.0 * sd)
     blur = expected_blur(world, hypotheses, views, view, pairs)
-    odds = part_log_odds(world.layout, matching, seen, world.rates, blur)
-    found = gather(matching, seen, len(hypotheses), world.rates.corner_sd_px)
+    odds = part_log_odds(world.layout, matching, seen, world.rates, blur, sd)
+    found = gather(matching, seen, len(hypotheses), sd)
     unseen = np.flatnonzero((matching.detection < 0) & (blur < RADIUS_PX))
     if seen.edges is not None and unseen.size:
         score, corners = _measure(world, seen, pairs.take(unseen))
         odds[unseen] = np.maximum(edge_log_odds(score), -4.0)
         good = score >= GOOD_SCORE
-        found = _append(
-            found, pairs.take(unseen[good]), corners[good], 1.0 / np.hypot(CORNER_SD_PX, world.rates.corner_sd_px)
-        )
+        better = unseen[good]
+        found = _append(found, pairs.take(better), corners[good], 1.0 / np.hypot(CORNER_SD_PX, sd[better]))
     table = hypotheses.odds.copy()
     table[:, view] = view_log_odds(len(hypotheses), pairs.hypothesis, odds, matching.detection >= 0, world.rates)
     matches = list(hypotheses.matches)
@@ -83,7 +82,7 @@ def _measure(world: World, seen: Seen, pairs: Pairs) -> tuple[FloatArray, FloatA
     return score, corners
 
 
-def _append(found: ViewMatches, pairs: Pairs, corners: FloatArray, weight: float) -> ViewMatches:
+def _append(found: ViewMatches, pairs: Pairs, corners: FloatArray, weight: FloatArray) -> ViewMatches:
     """More matches, as far as there is room."""
     part, px, weights = found.part.copy(), found.corners_px.copy(), found.weight.copy()
     used = (part >= 0).sum(axis=1)
@@ -93,5 +92,5 @@ def _append(found: ViewMatches, pairs: Pairs, corners: FloatArray, weight: float
     row, column = pairs.hypothesis[ok], column[ok]
     part[row, column] = pairs.part[ok]
     px[row, column] = corners[ok]
-    weights[row, column] = weight
+    weights[row, column] = weight[ok]
     return ViewMatches(part, px, weights)

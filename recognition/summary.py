@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from recognition.belief import Belief
 from recognition.geometry import CameraPose, Pose4, camera_in_object, rotation_y, wrap_deg
+from recognition.hypotheses import Hypotheses
 from recognition.seen import Seen
 from recognition.settings import BenchBounds, RecogniserSettings
 from recognition.steps import Answer, BeliefSummary, HypothesisSummary, Outcome, PartMatch
@@ -75,7 +76,8 @@ def places(world: World, belief: Belief, views: list[Seen]) -> IntArray:
 def leading_group(world: World, belief: Belief, views: list[Seen]) -> npt.NDArray[np.bool_]:
     """``(H,)`` hypotheses that say what the leading one says: same object, and the camera at nearly the same pose.
 
-    Where depth is open, hypotheses that match the same parts in every view may still stand apart along it: they
+    One that takes most detections for other parts is another place, be it ever so near: the next storey, the next
+    column. Where depth is open, hypotheses that match the same parts in every view may still stand apart along it: they
     are one place, and how far they stand apart is an unsure pose, not another place.
     """
     hypotheses = belief.hypotheses
@@ -85,7 +87,24 @@ def leading_group(world: World, belief: Belief, views: list[Seen]) -> npt.NDArra
     near = np.linalg.norm(centre - centre[0], axis=1) < 0.12 * distance
     parts = [np.sort(found.part, axis=1) for found in hypotheses.matches]
     alike = np.all([(part == part[0]).all(axis=1) for part in parts], axis=0)
-    return np.asarray((hypotheses.object_of == hypotheses.object_of[0]) & (near | alike) & (turn < np.radians(4.0)))
+    group = (hypotheses.object_of == hypotheses.object_of[0]) & (near | alike) & (turn < np.radians(4.0))
+    rows = np.flatnonzero(group)
+    group[rows] = _agrees(hypotheses.take(rows))
+    return np.asarray(group)
+
+
+def _agrees(hypotheses: Hypotheses) -> npt.NDArray[np.bool_]:
+    """``(H,)`` whether of the detections that both match each takes most for the same part as the first one does."""
+    same, other = np.zeros(len(hypotheses)), np.zeros(len(hypotheses))
+    for found in hypotheses.matches:
+        mine = np.flatnonzero(found.part[0] >= 0)
+        # Corners are copied from the detection, so those of one detection are equal to the last bit.
+        at = found.corners_px[:, :, 0, :]
+        both = (at[:, :, None] == at[:1, mine][:, None]).all(axis=3) & (found.part >= 0)[:, :, None]
+        agrees = found.part[:, :, None] == found.part[0, mine]
+        same += (both & agrees).sum(axis=(1, 2))
+        other += (both & ~agrees).sum(axis=(1, 2))
+    return np.asarray(same >= other)
 
 
 def _distance_to_parts(world: World, belief: Belief, views: list[Seen]) -> float:

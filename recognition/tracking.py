@@ -32,6 +32,8 @@ IntArray = npt.NDArray[np.int64]
 _REACH_PX = (320.0, 120.0, 60.0)
 """How far a view's picture may lie from its prediction after one, two, three and more views, for 1,280 px width."""
 _REACH_NEW_PX = 260.0
+_PERSPECTIVE = 0.045
+"""Share of the shift by a motion error that remains as perspective when the internals have taken up what they can."""
 _FURTHEST_SHARE = 0.4
 """However open a place, its picture is searched for no further than this share of the width."""
 _BEYOND_COST = 40.0
@@ -58,7 +60,12 @@ class World:
     def priors(self, image_size: tuple[int, int]) -> Priors:
         """Soft knowledge of any camera, with the lens's range from the bench."""
         size = (float(image_size[0]), float(image_size[1]))
-        return Priors(image_size=size, focal_range_px=focal_range(self.bounds, image_size[0]))
+        low, high = focal_range(self.bounds, image_size[0])
+        # An error of the rig's pose looks like another principal point.
+        away = np.sqrt(self.bounds.distance_min_mm * self.bounds.distance_max_mm)
+        shift = np.sqrt(low * high) * np.hypot(np.radians(self.bounds.motion_sd_deg), self.bounds.motion_sd_mm / away)
+        centre_sd = float(np.hypot(_CENTRE_SD, shift / image_size[0]))
+        return Priors(image_size=size, focal_range_px=(low, high), principal_point_sd=centre_sd)
 
 
 def make_world(base: ModelBase, bounds: BenchBounds, rates: DetectionRates, prior: Path | None = None) -> World:
@@ -192,12 +199,9 @@ def match_view(
     if internals is None:
         internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
-    found = gather(
-        match(world.layout, pairs, seen, part_gate(world, pairs, loose), foremost=foremost),
-        seen,
-        len(hypotheses),
-        world.rates.corner_sd_px,
-    )
+    sd = expected_sd(world, pairs, internals)
+    matching = match(world.layout, pairs, seen, part_gate(pairs, loose, sd), foremost=foremost)
+    found = gather(matching, seen, len(hypotheses), sd)
     matches = list(hypotheses.matches)
     matches[view] = found
     known = hypotheses.internals.copy()
@@ -205,11 +209,26 @@ def match_view(
     return replace(hypotheses, matches=tuple(matches), internals=known)
 
 
-def part_gate(world: World, pairs: Pairs, loose: float) -> FloatArray:
+def expected_sd(world: World, pairs: Pairs, internals: FloatArray) -> FloatArray:
+    """``(n,)`` sd, px, of a corner about its prediction once its view is matched, beside the detection's own.
+
+    A rig that stands a little off where it reads back shifts a picture, which free internals take up but for the
+    perspective of it: parts nearer to the camera, or farther to the side, are shifted by more.
+    """
+    sd_deg, sd_mm = world.bounds.motion_sd_deg, world.bounds.motion_sd_mm
+    if not (sd_deg or sd_mm):
+        return np.full(len(pairs.part), world.rates.corner_sd_px)
+    low, high = bounding_box(pairs.corners_px)
+    px_per_mm = (high - low)[:, 1] / world.layout.size_mm[pairs.part, 1]
+    shift = np.hypot(internals[pairs.hypothesis, 0] * np.radians(sd_deg), px_per_mm * sd_mm)
+    return np.asarray(np.hypot(world.rates.corner_sd_px, _PERSPECTIVE * shift))
+
+
+def part_gate(pairs: Pairs, loose: float, sd_px: FloatArray) -> FloatArray:
     """``(n,)`` how far, px, a part may be found from where it is expected: ``loose`` times its size, or some sd."""
     low, high = bounding_box(pairs.corners_px)
     size = np.minimum(high[:, 0] - low[:, 0], high[:, 1] - low[:, 1])
-    return np.asarray(np.maximum(loose * size, 4.0 * world.rates.corner_sd_px) + 1.0)
+    return np.asarray(np.maximum(loose * size, 4.0 * sd_px) + 1.0)
 
 
 def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) -> Hypotheses:
@@ -217,15 +236,15 @@ def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: in
     seen = views[view]
     internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
-    gate = np.full(len(pairs.part), 1.0 + 6.0 * world.rates.corner_sd_px)
-    matching = match(world.layout, pairs, seen, gate)
+    sd = expected_sd(world, pairs, internals)
+    matching = match(world.layout, pairs, seen, 1.0 + 6.0 * sd)
     blur = expected_blur(world, hypotheses, views, view, pairs)
-    odds = part_log_odds(world.layout, matching, seen, world.rates, blur)
+    odds = part_log_odds(world.layout, matching, seen, world.rates, blur, sd)
     column = view_log_odds(len(hypotheses), pairs.hypothesis, odds, matching.detection >= 0, world.rates)
     table = hypotheses.odds.copy()
     table[:, view] = column
     matches = list(hypotheses.matches)
-    matches[view] = gather(matching, seen, len(hypotheses), world.rates.corner_sd_px)
+    matches[view] = gather(matching, seen, len(hypotheses), sd)
     return replace(hypotheses, odds=table, matches=tuple(matches))
 
 
