@@ -16,6 +16,7 @@ from recognition.geometry import rotation_y
 from recognition.hypotheses import Hypotheses, best, join, no_matches
 from recognition.mending import mended
 from recognition.proposals import propose
+from recognition.relatives import log_odds_of_relatives
 from recognition.seen import Seen
 from recognition.settings import Effort
 from recognition.tracking import World, add_view, look_in, match_view, rescore, score_view, settle, start
@@ -29,6 +30,7 @@ NONE_PRIOR = 0.05
 _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
 _RIVALS, _REPAIRED = 120, 40
 _PER_MATCH = 3.0
+_LEADS = 1e-3
 _RICHEST = 2
 _TELLS = 3
 """A second view leaves one in so many of the places that a first one suggests."""
@@ -251,6 +253,17 @@ def weigh(world: World, hypotheses: Hypotheses) -> Belief:
     p /= p.sum()
     order = np.argsort(-p[:-1], kind="stable")
     return Belief(hypotheses.take(order), p[:-1][order], float(p[-1]))
+
+
+def with_relatives(world: World, belief: Belief, views: list[Seen]) -> Belief:
+    """The belief where "none of these" holds relatives of the leading places, too (``recognition.relatives``)."""
+    lead = np.flatnonzero(belief.probability > _LEADS)[:_REPAIRED]
+    if lead.size == 0:
+        return belief
+    kin = np.exp(log_odds_of_relatives(world, belief.hypotheses.take(lead), views))
+    more = NONE_PRIOR / (1.0 - NONE_PRIOR) * float(belief.probability[lead] @ kin)
+    total = 1.0 + more
+    return replace(belief, probability=belief.probability / total, none=(belief.none + more) / total)
 
 
 def _first_place(hypotheses: Hypotheses) -> IntArray:

@@ -37,7 +37,7 @@ def part_log_odds(
         sd_px: ``(n,)`` sd of a corner about its prediction once it is matched, beside the detection's own.
     """
     pairs = matching.pairs
-    rate = _rate(pairs, seen, rates, blur_px)
+    rate = detection_rate(pairs, seen, rates, blur_px)
     odds = np.log1p(-rate)
     hit = np.flatnonzero(matching.detection >= 0)
     if hit.size == 0:
@@ -68,8 +68,8 @@ def part_log_odds(
     return odds
 
 
-def _rate(pairs: Pairs, seen: Seen, rates: DetectionRates, blur_px: FloatArray) -> FloatArray:
-    """Detection rate of each expected part: lower near the frame's border, seen obliquely, or small."""
+def detection_rate(pairs: Pairs, seen: Seen, rates: DetectionRates, blur_px: FloatArray) -> FloatArray:
+    """Detection rate ``(n,)`` of each expected part: lower near the frame's border, seen obliquely, or small."""
     if len(pairs.part) == 0:
         return np.empty(0)
     low, high = bounding_box(pairs.corners_px)
@@ -107,7 +107,7 @@ def view_log_odds(
 
 def most_log_odds(hypotheses: int, pairs: Pairs, seen: Seen, rates: DetectionRates, blur_px: FloatArray) -> FloatArray:
     """Log odds ``(H,)`` that a view would bring if all parts that are expected whole and clear were found perfectly."""
-    clear = _rate(pairs, seen, rates, blur_px) > 0.9 * rates.found
+    clear = detection_rate(pairs, seen, rates, blur_px) > 0.9 * rates.found
     return view_log_odds(hypotheses, pairs.hypothesis, np.where(clear, rates.part_cap, 0.0), clear, rates)
 
 

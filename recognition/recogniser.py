@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 
 import numpy as np
 
-from recognition.belief import Belief, challengers, rivals, thin, update, weigh
+from recognition.belief import Belief, challengers, rivals, thin, update, weigh, with_relatives
 from recognition.detectors import load_detector
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
 from recognition.journey import Journey
@@ -115,7 +115,7 @@ class _State:
 
     def _believe(self, hypotheses: Hypotheses) -> None:
         self.hypotheses = forget_contradicted(hypotheses)
-        self.belief = weigh(self.world, hypotheses)
+        self.belief = with_relatives(self.world, weigh(self.world, hypotheses), self.views)
 
     def _try_rivals(self) -> None:
         """When a place is about to win, let all places alike compete with it on all views."""
