@@ -287,7 +287,7 @@ def test_the_only_knowledge_of_the_lens_is_a_range() -> None:
     """A bench may say which angles of view the lens can have, and nothing finer."""
     told = {f.name for value in (BenchBounds, DetectionRates, Mount) for f in dataclasses.fields(value)}
     of_objects_and_moves = {"distance_min_mm", "distance_max_mm", "motion_sd_mm", "motion_sd_deg"}
-    of_the_detector = {"found", "clutter", "corner_sd_px"}
+    of_the_detector = {"found", "clutter", "corner_sd_px", "measured"}
     # How the camera hangs and how straight the axes are: all of it outside the camera.
     of_the_mount = {"x_mm", "y_mm", "z_mm", "pan_zero_deg", "roll_deg", "pitch_deg"}
     of_the_axes = {"x_scale", "y_scale", "z_scale", "xy_deg", "xz_deg", "yz_deg"}

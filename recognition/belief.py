@@ -31,6 +31,7 @@ _FAR_BEHIND, _ALWAYS_KEPT = 30.0, 60
 _RIVALS, _REPAIRED = 120, 40
 _PER_MATCH = 3.0
 _LEADS = 1e-3
+_LEADERS, _AS_GOOD = 12, 3.0
 _RICHEST = 2
 _TELLS = 3
 """A second view leaves one in so many of the places that a first one suggests."""
@@ -117,6 +118,17 @@ def _refine_ahead(world: World, hypotheses: Hypotheses, views: list[Seen], most:
     order = np.argsort(-(hypotheses.log_weight + _PER_MATCH * matched), kind="stable")
     ahead = rescore(world, hypotheses.take(order[:most]), views, range(len(views)))
     return join(ahead, score_view(world, hypotheses, views, last))
+
+
+def fit_leaders(world: World, hypotheses: Hypotheses, views: list[Seen]) -> Hypotheses:
+    """The set with its leading hypotheses fitted to all that they match: what is told of them is their fit's.
+
+    Of a hypothesis with and without a new view's matches in its fit the latter pays less for internals, and may lead.
+    """
+    lead = np.argsort(-hypotheses.log_weight, kind="stable")[:_LEADERS]
+    again = rescore(world, hypotheses.take(lead), views, range(len(views)))
+    good = again.log_weight > hypotheses.log_weight[lead] - _AS_GOOD
+    return hypotheses.put(lead[good], again.take(np.flatnonzero(good)))
 
 
 def _fresh(world: World, views: list[Seen], effort: Effort, most: int, source: int) -> Hypotheses:
@@ -256,9 +268,12 @@ def weigh(world: World, hypotheses: Hypotheses) -> Belief:
 
 
 def with_relatives(world: World, belief: Belief, views: list[Seen]) -> Belief:
-    """The belief where "none of these" holds relatives of the leading places, too (``recognition.relatives``)."""
+    """The belief where "none of these" holds relatives of the leading places, too (``recognition.relatives``).
+
+    They compete only on a bench whose rates were measured: a guess does not tell them from the objects known.
+    """
     lead = np.flatnonzero(belief.probability > _LEADS)[:_REPAIRED]
-    if lead.size == 0:
+    if lead.size == 0 or not world.rates.measured:
         return belief
     kin = np.exp(log_odds_of_relatives(world, belief.hypotheses.take(lead), views))
     more = NONE_PRIOR / (1.0 - NONE_PRIOR) * float(belief.probability[lead] @ kin)

@@ -15,11 +15,14 @@ class DetectionRates:
         found: share of the visible parts that are found.
         clutter: false detections expected in a view.
         corner_sd_px: sd of a corner coordinate where the detection's own is smaller: model errors, lens.
+        measured: whether they were fitted to views with truth, not guessed: only then are objects that are much like
+            a known one told from it.
     """
 
     found: float = 0.9
     clutter: float = 1.0
     corner_sd_px: float = 0.7
+    measured: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 < self.found < 1.0:

@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 
 import numpy as np
 
-from recognition.belief import Belief, challengers, rivals, thin, update, weigh, with_relatives
+from recognition.belief import Belief, challengers, fit_leaders, rivals, thin, update, weigh, with_relatives
 from recognition.detectors import load_detector
 from recognition.hypotheses import Hypotheses, forget_contradicted, join
 from recognition.journey import Journey
@@ -23,7 +23,7 @@ from recognition.summary import Verdict, answer, judge, leading_group, summarise
 from recognition.tracking import World, make_world
 from rig.hal import Frame, Rig
 
-_ABOUT_TO_WIN, _AHEAD = 0.9, 0.5
+_ABOUT_TO_WIN = 0.99
 
 
 def recognise(
@@ -114,6 +114,7 @@ class _State:
         return join(look_again(self.world, hypotheses.take(ahead), self.views), hypotheses.take(rest))
 
     def _believe(self, hypotheses: Hypotheses) -> None:
+        hypotheses = fit_leaders(self.world, hypotheses, self.views)
         self.hypotheses = forget_contradicted(hypotheses)
         self.belief = with_relatives(self.world, weigh(self.world, hypotheses), self.views)
 
@@ -123,7 +124,7 @@ class _State:
         if len(belief.hypotheses) == 0 or len(self.views) < 2:
             return
         group = leading_group(self.world, belief, self.views)
-        if belief.probability[group].sum() < self.settings.threshold:
+        if belief.probability[group].sum() < min(self.settings.threshold, _ABOUT_TO_WIN):
             return
         alike = rivals(self.world, belief.hypotheses, self.views, 0)
         others = join(alike, challengers(self.world, self.views, self.settings.effort))

@@ -3,7 +3,7 @@
 "None of these" competes from the first view. An object all unlike those of the base is told by views that no place
 explains. One that shares most of its layout with a known one - the next house of the row, the model as rebuilt - is
 told only by what is missing where the known one has parts, and by what stands where it has none, more often than the
-detector misses and errs.
+detector misses and errs. So they compete only where it was measured how often it does.
 
 Shape legend: H hypotheses, n expected parts, Q shares.
 """
@@ -25,8 +25,6 @@ SHARES = (0.1, 0.2, 0.4)
 """Shares of a known object's parts that its relatives have elsewhere; each is as likely."""
 MOST_NATS = 4.0
 """One view says no more for a relative than this: it may have been matched at the wrong place."""
-_RARE = 1.0
-"""Where more false detections than this are expected in a view, their number is not known well enough to tell."""
 
 
 def log_odds_of_relatives(world: World, hypotheses: Hypotheses, views: list[Seen]) -> FloatArray:
@@ -51,8 +49,7 @@ def _of_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: int)
     for q, share in enumerate(SHARES):
         each = np.where(found, np.log1p(-share), np.log1p(-rate * (1.0 - share)) - np.log1p(-rate))
         odds[:, q] = np.bincount(pairs.hypothesis, weights=each, minlength=n)
-        if world.rates.clutter < _RARE:
-            elsewhere = share * expected
-            strange = np.maximum(len(np.unique(seen.foremost)) - explained, 0)
-            odds[:, q] += strange * np.log1p(elsewhere / world.rates.clutter) - elsewhere
+        elsewhere = share * expected
+        strange = np.maximum(len(np.unique(seen.foremost)) - explained, 0)
+        odds[:, q] += strange * np.log1p(elsewhere / world.rates.clutter) - elsewhere
     return odds

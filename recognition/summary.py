@@ -29,6 +29,8 @@ LEAST_PARTS = 5
 """Fewer parts, over all views, are no recognition: their placement and the lens alone could explain them."""
 _UNSURE_SHARE = 0.05
 """A direction whose sd exceeds this share of the distance to the parts is called unobservable."""
+_ROUNDING = 1e-12
+"""Probabilities that sum to 1 but for rounding reach a threshold of 1."""
 _SEEN_VIEWS = 6
 """So many views must have shown something before a run may say that it is none of the objects: in two or three, windows
 cut by the frame may be all that is in sight."""
@@ -166,7 +168,7 @@ def judge(world: World, belief: Belief, views: list[Seen], settings: RecogniserS
     if len(belief.hypotheses):
         group = leading_group(world, belief, views)
         mass = float(belief.probability[group].sum())
-        if mass >= settings.threshold and _parts_matched(belief) >= LEAST_PARTS:
+        if mass >= settings.threshold - _ROUNDING and _parts_matched(belief) >= LEAST_PARTS:
             why = f"one configuration holds {mass:.4f} of the probability"
             return Verdict(Outcome.RECOGNISED, why, wanted_of_pose(world, belief, views, settings))
     if len(views) >= settings.max_views:

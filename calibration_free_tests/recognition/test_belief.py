@@ -23,7 +23,7 @@ from calibration_free_tests.recognition.synthetic import (
     true_rows,
     world_of,
 )
-from recognition.belief import Belief, rivals, thin, update, weigh
+from recognition.belief import Belief, challengers, rivals, thin, update, weigh
 from recognition.geometry import CameraPose, Pose4
 from recognition.hypotheses import Hypotheses, join
 from recognition.seen import Seen
@@ -133,6 +133,17 @@ def test_a_dropped_place_comes_back_when_it_explains_what_is_seen(world: World) 
     assert len(others)
     belief = weigh(world, update(world, others, views, Effort()))
     assert belief.probability[true_rows(belief.hypotheses, views[-1], 1, CAMERAS[2], 30.0)].sum() > 0.9
+
+
+def test_a_place_that_was_dropped_challenges_who_would_win_without_it(world: World) -> None:
+    views = views_of(1, CAMERAS[:3])
+    found = challengers(world, views, Effort())
+    best_of_all = found.take(np.array([int(found.log_weight.argmax())]))
+    assert true_rows(best_of_all, views[-1], 1, CAMERAS[2], 30.0) == [0]
+
+
+def test_nothing_challenges_where_nothing_was_seen(world: World) -> None:
+    assert len(challengers(world, [seen_from(BASE, None, CAMERAS[0])], Effort())) == 0
 
 
 def test_with_no_evidence_none_of_these_keeps_its_share(world: World) -> None:

@@ -53,7 +53,9 @@ def odds(
     pairs = Pairs(np.zeros(len(ids), dtype=np.int64), ids, corners, np.full(len(ids), cosine))
     seen = see(parts, CAMERA, SIZE, 0, 0.0, WORLD.layout.class_names, 4)
     matching = match(WORLD.layout, pairs, seen, np.full(len(ids), 12.0))
-    return part_log_odds(WORLD.layout, matching, seen, rates, np.full(len(ids), blur_px))
+    return part_log_odds(
+        WORLD.layout, matching, seen, rates, np.full(len(ids), blur_px), np.full(len(ids), rates.corner_sd_px)
+    )
 
 
 def test_a_part_found_where_expected_speaks_for_and_a_missed_one_against() -> None:
