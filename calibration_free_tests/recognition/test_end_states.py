@@ -99,7 +99,7 @@ def test_a_run_goes_on_until_the_pose_is_as_sure_as_asked() -> None:
 
 @pytest.mark.parametrize(("most", "because"), [(3, "3 views were taken"), (12, "no reachable view makes it surer")])
 def test_a_pose_that_stays_less_sure_than_asked_is_said_beside_the_place(most: int, because: str) -> None:
-    bench = SyntheticRig(BASE.objects[1], around_the_corner()[::4][:5], fixed(), Faults(noise_px=0.3))
+    bench = SyntheticRig(BASE.objects[1], around_the_corner()[::5][:5], fixed(), Faults(noise_px=0.3))
     steps, answer = run(bench, BASE, with_views(SETTINGS, pose_sd_mm=0.01, max_views=most))
     assert len(steps) == min(most, 5)
     assert (answer.outcome, answer.object_id, answer.pose_sure) == (Outcome.RECOGNISED, "mill", False)
