@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from recognition.geometry import CameraPose, Mount, camera_in_object, camera_in_rig
-from recognition.layout import compile_layout, part_of
-from recognition.modelbase import ModelBase, PartClass
+from recognition.layout import part_of
+from recognition.modelbase import PartClass
 from recognition.parts import DetectedPart
-from recognition.visibility import Pairs, parts_in_view, walls_of
+from recognition.visibility import Pairs
 from rig.hal import Frame, Image, RigLimits, RigPose
 from sim_backends.corner_noise import CornerNoise, detections
 from sim_backends.rendered_rig import RenderedRig, ViewTruth
 from sim_backends.renderer import DEFAULT_SIZE, PartTruth
 from sim_backends.scene import Scene
+from sim_backends.sightlines import Sightlines
 from sim_backends.viewpoints import limits_around, viewing_poses
 
 _MOTION, _DETECTOR = 2, 3
@@ -64,8 +65,7 @@ class CornerRig(RenderedRig):
             scene, limits, offers, internals=self._noise.internals(size), seed=seed, size=size, mount=mount
         )
         self._classes = tuple(classes)
-        self._layout = compile_layout(ModelBase((scene.object_model,), self._classes))
-        self._walls = walls_of(self._layout)
+        self._sightlines = Sightlines(scene.object_model, self._classes)
         self._found: tuple[DetectedPart, ...] = ()
 
     def capture(self) -> Frame:
@@ -97,22 +97,13 @@ class CornerRig(RenderedRig):
         """For scoring only: the parts that a view from a pose shows whole, with their true corners."""
         at = pose or self._pose
         truth = self.truth(at)
-        camera, inner = truth.camera_in_object, truth.internals
-        pairs = parts_in_view(
-            self._layout,
-            self._walls,
-            np.zeros(1, dtype=np.int64),
-            np.zeros((1, 4)),
-            np.array([np.radians(camera.theta_deg), *camera.centre_mm]),
-            np.array([[inner.fx, inner.fy, inner.u0, inner.v0]]),
-            self._size,
-        )
+        pairs = self._sightlines.seen([truth.camera_in_object], [truth.internals], self._size)
         return [self._part_truth(pairs, row) for row in range(len(pairs.part))]
 
     def _part_truth(self, pairs: Pairs, row: int) -> PartTruth:
         index = int(pairs.part[row])
-        part = part_of(self._layout, index)
-        corners = pairs.corners_px[row, : self._layout.corner_count[index]]
+        part = part_of(self._sightlines.layout, index)
+        corners = pairs.corners_px[row, : self._sightlines.layout.corner_count[index]]
         x, y = corners.T
         area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
         return PartTruth(part.id, part.part_class, corners, True, 1.0, float(pairs.cosine[row]), float(np.sqrt(area)))
