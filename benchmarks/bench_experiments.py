@@ -48,9 +48,8 @@ def report(base: ModelBase, numbers: list[int], wanted: int, policy: str) -> boo
                 break
         within = sum(r.right and len(r.left) <= experiment.paper_views for r in runs)
         good &= bool(runs) and within == len(runs)
-        print(
-            f"     {experiment.title}: {within} of {len(runs)} right within the paper's {experiment.paper_views} views\n"
-        )
+        views = experiment.paper_views
+        print(f"     {experiment.title}: {within} of {len(runs)} right within the paper's {views} views\n")
     return good
 
 
