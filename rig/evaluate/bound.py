@@ -38,7 +38,7 @@ def _bound(row: Row) -> float | None:
     conditions = row.conditions
     if conditions.experiment is not None or conditions.object != "in_base":
         return None
-    return least_views(row.base, conditions.bench)
+    return least_views(row.source, conditions.bench)
 
 
 @cache

@@ -40,7 +40,7 @@ def stages(task: Task) -> list[Stage]:
     Raises:
         RigError: no start was found.
     """
-    conditions, base = task.row.conditions, model_base(task.row.base)
+    conditions, base = task.row.conditions, model_base(task.row.source)
     assert conditions.experiment is not None
     experiment = conditions.experiment
     start = _start(task, experiment, base)

@@ -64,7 +64,7 @@ def _charts(plan: Plan, by_row: Sequence[Sequence[Record]], result: Mapping[str,
     every = [record for mine in by_row for record in mine]
     spread = "Thick: the middle half of the trials; thin: 10 to 90 %; bar: median; dot: mean."
     drawn = [
-        ("Right, undecided, wrong", "Green, amber and red.", plots.outcomes(series)),
+        ("Right, undecided, wrong", "Green, amber and red; in numbers: right and wrong, %.", plots.outcomes(series)),
         ("Views to the end", spread, plots.spreads(series, "views", "views")),
         ("Travel to the end", spread, plots.spreads(series, "travel_s", "seconds of travel")),
         (

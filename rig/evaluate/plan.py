@@ -22,7 +22,7 @@ MOST_TRIALS = 10_000_000
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
-Name = Annotated[str, Field(min_length=1, max_length=80)]
+Name = Annotated[str, Field(min_length=1, max_length=120)]
 
 
 class Strict(BaseModel):
@@ -159,11 +159,19 @@ class PlanFile(Strict):
 
 @dataclass(frozen=True)
 class Row:
-    """One row of results: a model base, a policy, and conditions."""
+    """One row of results: a model base, a policy, and conditions.
 
-    base: str
+    ``source`` is the model base's file, or its name if it ships; ``base`` its name in any case.
+    """
+
+    source: str
     policy: str
     conditions: RowEntry = field(repr=False)
+
+    @property
+    def base(self) -> str:
+        """Name of the model base."""
+        return Path(self.source).stem
 
     @property
     def key(self) -> str:
@@ -232,7 +240,7 @@ class Plan:
     def sha256(self) -> str:
         """Digest of all that the results of a trial depend on: rows, seed and model bases, but not how many trials."""
         rows = [[row.base, row.policy, row.conditions.model_dump(mode="json")] for row in self.rows]
-        bases = {base: _digest(base) for base in sorted({row.base for row in self.rows})}
+        bases = sorted({(row.base, _digest(row.source)) for row in self.rows})
         text = json.dumps([rows, self.seed, bases], sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -274,7 +282,7 @@ def _plan(document: Document, name: str, folder: Path) -> Plan:
         policies = entry.policies if entry.policies != "all" else [p for p in known if p not in entry.without]
         for base in entry.models:
             for policy in policies:
-                row = Row(_base(base, folder), policy, entry)
+                row = Row(_source(base, folder), policy, entry)
                 if row.key in rows:
                     message = f"there is a row for {row.key!r} already"
                     problem = document.problem(("rows", number, "name"), message, "Give each row another name")
@@ -300,8 +308,8 @@ def _unknown_models(file: PlanFile, document: Document, folder: Path) -> Iterato
 
     for number, entry in enumerate(file.rows):
         for k, name in enumerate(entry.models):
-            base = _base(name, folder)
-            if base not in shipped_model_bases() and not Path(base).is_file():
+            source = _source(name, folder)
+            if source not in shipped_model_bases() and not Path(source).is_file():
                 remedy = _one_of(name, list(shipped_model_bases()))
                 yield document.problem(("rows", number, "models", k), f"there is no model base {name!r}", remedy)
 
@@ -310,13 +318,13 @@ def _one_of(name: str, known: list[str]) -> str:
     return did_you_mean(name, known) or f"Known here: {', '.join(known)}."
 
 
-def _base(name: str, folder: Path) -> str:
+def _source(name: str, folder: Path) -> str:
     """A shipped model base's name, or the path of a file, which a plan gives from its own folder."""
     path = Path(name)
     return str(folder / path) if path.suffix or path.name != name else name
 
 
-def _digest(base: str) -> str:
-    path = Path(base)
-    source = path if path.suffix else resources.files("rig") / "data" / f"{base}.yaml"
-    return hashlib.sha256(source.read_bytes()).hexdigest()
+def _digest(source: str) -> str:
+    path = Path(source)
+    file = path if path.suffix else resources.files("rig") / "data" / f"{source}.yaml"
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -33,7 +33,7 @@ _COLOURS = {
     "#080808": "var(--card)",
 }
 _INK, _SOFT, _RULE, _ACCENT, _GOOD, _WARN, _BAD, _CARD = _COLOURS
-_WIDTH_IN, _ROW_IN, _EDGE_IN = 7.6, 0.42, 0.75
+_WIDTH_IN, _ROW_IN, _EDGE_IN = 5.8, 0.38, 0.7
 _LEAST_DOUBT = 1e-5
 
 
@@ -56,7 +56,11 @@ def outcomes(series: Sequence[Series]) -> Markup:
             share = 100.0 * kinds.count(kind) / max(1, len(kinds))
             axes.barh(place, share, left=left, height=0.56, color=colour)
             left += share
-    axes.set_xlim(0, 100)
+        if kinds:
+            told = f"{100.0 * kinds.count(RIGHT) / len(kinds):.1f} | {100.0 * kinds.count(WRONG) / len(kinds):.2f}"
+            axes.annotate(told, (100, place), (8, 0), textcoords="offset points", va="center", color=_INK, fontsize=8.5)
+    axes.set_xlim(0, 122)
+    axes.set_xticks(range(0, 101, 20))
     axes.set_xlabel("% of trials")
     return _svg(figure)
 
@@ -103,7 +107,7 @@ def reliability(found: Sequence[Bin]) -> Markup | None:
     figure, axes = _plain(5.6, 4.4)
     line = np.array([_LEAST_DOUBT / 3, 1.0])
     axes.plot(line, line, color=_SOFT, linewidth=1, linestyle=(0, (4, 3)))
-    for one in found:
+    for k, one in enumerate(found):
         doubt = max(1.0 - one.confidence, _LEAST_DOUBT)
         wrong = one.answers - one.right
         low, high = wilson(wrong, one.answers)
@@ -116,7 +120,7 @@ def reliability(found: Sequence[Bin]) -> Markup | None:
         axes.annotate(
             f"{wrong} of {one.answers:,}",
             (doubt, high),
-            (0, 8),
+            (0, 8 if k % 2 else 19),
             textcoords="offset points",
             ha="center",
             color=_SOFT,
@@ -154,9 +158,13 @@ def _spreads(
         axes.plot(p50, place, marker="|", markersize=15, markeredgewidth=2, color=_ACCENT)
         axes.plot(np.mean(numbers), place, marker="o", markersize=6, color=_INK)
     if logarithmic:
+        from matplotlib.ticker import LogLocator, NullLocator
+
         axes.set_xscale("log")
+        # Times of one kind often lie within a decade.
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter("")
     else:
         axes.set_xlim(0, None)
     axes.set_xlabel(label)

@@ -93,7 +93,7 @@ def staged(task: Task) -> Stage:
     Raises:
         RigError: no reachable view shows a whole part.
     """
-    conditions, base = task.row.conditions, model_base(task.row.base)
+    conditions, base = task.row.conditions, model_base(task.row.source)
     rng = np.random.default_rng([task.seed, 7])
     thing = base.objects[int(rng.integers(len(base.objects)))]
     scene = draw_scene(base, thing.id, task.seed, cluttered=conditions.clutter)
