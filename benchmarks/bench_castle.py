@@ -16,7 +16,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.trials import RIGHT, Trial, keep, kept_trials, run, scored, spread_out, table
+from benchmarks.trials import keep, kept_trials, spread_out, table
+from rig.evaluate.trial import RIGHT, Trial, run, scored
 
 if TYPE_CHECKING:
     from recognition.modelbase import ModelBase

@@ -1,29 +1,31 @@
 """Prints the paper's Experiments 1 to 5, rebuilt on rendered pictures, beside the paper's own numbers.
 
 Run from the repository: ``python -m benchmarks.bench_experiments [--starts 5] [--policy information]``. The
-rule that picks the starts is told in ``calibration_free_tests.paper.experiments``.
+rule that picks the starts is told in ``rig.evaluate.experiments``.
 """
 
 from __future__ import annotations
 
 import argparse
 
-from calibration_free_tests.paper.experiments import EXPERIMENTS, Experiment, Run, run, starts
+from calibration_free_tests.paper.experiments import EXPERIMENTS, Run, run
 from recognition.modelbase import ModelBase
 from recognition.modelbase_io import load_model_base
+from rig.evaluate.experiments import starts
+from rig.evaluate.plan import ExperimentEntry
 
 _HEAD = (
     "exp  object  seed  left after each view          bits   views (paper)  hypotheses (paper)  answer   error mm  deg"
 )
 
 
-def line(experiment: Experiment, one: Run) -> str:
+def line(experiment: ExperimentEntry, one: Run) -> str:
     left = " ".join(str(n) for n in one.left)
-    paper = "-" if experiment.number == 2 else str(experiment.hypotheses)
+    paper = str(experiment.paper_hypotheses or "-")
     said = "right" if one.right else "WRONG" if one.answer.object_id else str(one.answer.outcome)
     text = (
-        f"{experiment.number:3d}  {one.start.object_id:6s}  {one.start.seed:4d}  {left:28s} {one.entropy_bits:5.2f}  "
-        f"{len(one.left):6d} ({experiment.views})    {one.left[0]:9d} ({paper:>3s})   {said:9s} "
+        f"{experiment.number:3d}  {one.start.object:6s}  {one.start.seed:4d}  {left:28s} {one.entropy_bits:5.2f}  "
+        f"{len(one.left):6d} ({experiment.paper_views})    {one.left[0]:9d} ({paper:>3s})   {said:9s} "
         f"{one.error_mm:7.2f} {one.error_deg:6.3f}"
     )
     if len(one.same_view) > 1:
@@ -44,9 +46,10 @@ def report(base: ModelBase, numbers: list[int], wanted: int, policy: str) -> boo
             print(line(experiment, runs[-1]), flush=True)
             if len(runs) == wanted:
                 break
-        within = sum(r.right and len(r.left) <= experiment.views for r in runs)
+        within = sum(r.right and len(r.left) <= experiment.paper_views for r in runs)
         good &= bool(runs) and within == len(runs)
-        print(f"     {experiment.title}: {within} of {len(runs)} right within the paper's {experiment.views} views\n")
+        views = experiment.paper_views
+        print(f"     {experiment.title}: {within} of {len(runs)} right within the paper's {views} views\n")
     return good
 
 

@@ -22,21 +22,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from benchmarks.trials import RIGHT, Trial, keep, kept_trials, run, scored, spread_out, table
+from benchmarks.trials import keep, kept_trials, spread_out, table
+from rig.evaluate.trial import RIGHT, Trial, run, scored
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from recognition.modelbase import ModelBase
     from recognition.settings import Mode
-    from recognition.steps import Step
     from rig.hal import RigPose
     from sim_backends.internals_policy import InternalsPolicy
     from sim_backends.rendered_rig import RenderedRig
-
-FloatArray = npt.NDArray[np.float64]
 
 WITHIN_MM, WITHIN_DEG = 30.0, 10.0
 DISTANCES_MM = (150.0, 300.0)
@@ -74,6 +69,8 @@ def recognise_once(task: Task) -> Trial:
     from rig.bench import BenchConfig, BenchFile
     from rig.cli.recognising import on_bench
     from rig.demo import CLEAN_BENCH
+    from rig.evaluate.places import names_parts_right
+    from rig.evaluate.staging import first_view
     from sim_backends.simulate import draw_scene, rendered_rig
 
     base = models(task.models)
@@ -85,7 +82,7 @@ def recognise_once(task: Task) -> Trial:
         internals=internals(task.internals),
         seed=task.number,
     )
-    rig.move_to(draw_start(rig, rng))
+    rig.move_to(first_view(rig, rng))
     bench = BenchConfig("rendered", BenchFile.model_validate(CLEAN_BENCH))
     asked = RecogniserSettings(
         mode=task.mode,
@@ -100,27 +97,6 @@ def recognise_once(task: Task) -> Trial:
     return scored(task.name, answer, steps, thing.id, true, WITHIN_MM, WITHIN_DEG, names_parts_right(rig, steps), notes)
 
 
-def names_parts_right(rig: RenderedRig, steps: Sequence[Step]) -> bool:
-    """Whether most parts that the leading hypothesis claims to see in the last view are those that are there."""
-    step = steps[-1]
-    leaders = step.belief.leaders
-    claims = [match for match in leaders[0].matches if match.detection is not None] if leaders else []
-    true = {part.id: part.corners_px for part in rig.parts(step.frame.rig_pose)}
-    hits = 0
-    for claim in claims:
-        assert claim.detection is not None
-        there = true.get(claim.part_id)
-        if there is not None:
-            gap = np.abs(middle(step.parts[claim.detection].corners_px) - middle(there))
-            hits += bool((gap < np.ptp(there, axis=0) / 2).all())
-    return hits > len(claims) / 2
-
-
-def middle(corners_px: FloatArray) -> FloatArray:
-    """``(2,)`` middle of the bounding box of ``(n, 2)`` corners."""
-    return np.asarray((corners_px.max(axis=0) + corners_px.min(axis=0)) / 2)
-
-
 def whole_parts(rig: RenderedRig, pose: RigPose) -> int:
     """How many parts a view shows whole."""
     return sum(part.fully_in_frame and part.visible_fraction >= WHOLE for part in rig.parts(pose))
@@ -131,16 +107,6 @@ def internals(name: str) -> InternalsPolicy:
     from sim_backends.internals_policy import ChangingInternals, FixedByZoom
 
     return ChangingInternals(FixedByZoom()) if name == "changing" else FixedByZoom()
-
-
-def draw_start(rig: RenderedRig, rng: np.random.Generator) -> RigPose:
-    """A reachable pose that shows at least one whole part."""
-    poses = rig.reachable()
-    for k in rng.permutation(len(poses)):
-        pose = poses[int(k)]
-        if whole_parts(rig, pose):
-            return pose
-    raise RuntimeError("no reachable view shows a whole part")
 
 
 def main() -> None:

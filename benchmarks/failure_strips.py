@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.trials import Trial
 from recognition.steps import Step
+from rig.evaluate.trial import Trial
 
 FloatArray = npt.NDArray[np.float64]
 Canvas = npt.NDArray[np.uint8]

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.trials import RIGHT, UNDECIDED, WRONG, Trial, keep, kept_trials, scored, table
+from benchmarks.trials import keep, kept_trials, table
 from recognition.geometry import CameraPose
 from recognition.steps import Answer, BeliefSummary, Outcome, Step, StepSeconds
+from rig.evaluate.trial import RIGHT, UNDECIDED, WRONG, Trial, scored
 from rig.hal import Frame, RigPose
 
 TRUE = CameraPose(179.5, 100.0, -50.0, 2000.0)

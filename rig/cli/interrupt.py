@@ -28,14 +28,16 @@ class Halts(Protocol):
 
 
 @contextmanager
-def ends_gently(rig: object = None, *, silent: bool = False) -> Iterator[Callable[[], bool]]:
+def ends_gently(rig: object = None, *, silent: bool = False, saying: str | None = None) -> Iterator[Callable[[], bool]]:
     """While inside, SIGINT and SIGTERM are requests; yields a function that says whether one was made.
+
+    ``saying``: what the first one is answered with, where it is no view that is finished.
 
     Of a rig that moves (`Halts`) the first also holds the motion; the second stops it for good (STOP, latched), and
     raises KeyboardInterrupt wherever the program is. In a thread other than the main one signals are left as they are.
     """
     halts = rig if isinstance(rig, Halts) else None
-    saying = (
+    answered = saying or (
         "holding motion, finishing the picture in hand; Ctrl-C again: STOP"
         if halts
         else "finishing this view; press Ctrl-C again to stop at once"
@@ -51,7 +53,7 @@ def ends_gently(rig: object = None, *, silent: bool = False) -> Iterator[Callabl
         asked.set()
         wishes.put("hold")
         if not silent:
-            print(saying, file=sys.stderr, flush=True)
+            print(answered, file=sys.stderr, flush=True)
 
     if threading.current_thread() is not threading.main_thread():
         yield asked.is_set

@@ -326,11 +326,11 @@ def _run(
         version=version("calibration-free-rig"),
     )
     folder = new_run_folder(out, as_json, label, datetime.now())
-    _compile_first()
+    compile_first()
     return watch_run(steps_of(rig, models, settings), RunRecorder(folder, start, models), as_json, rig)
 
 
-def _compile_first() -> None:
+def compile_first() -> None:
     """Have the inner loops compiled before the first view; says so where that takes long."""
     from threading import Timer
 
