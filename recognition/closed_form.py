@@ -21,6 +21,7 @@ BoolArray = npt.NDArray[np.bool_]
 LEAST_POINTS = {4: 5, 6: 6}
 """By degrees of freedom. Two equations a point: nine and eleven unknowns."""
 
+_RIDGE = 1e-14  # against a singular system, of what has no pose or many
 _FLAT = 1e-6  # smallest over largest variance of points that count as lying in one plane
 
 
@@ -40,8 +41,8 @@ def upright_starts(points_mm: FloatArray, pixels: FloatArray) -> tuple[FloatArra
     one = np.ones_like(x)
     (a, b, d), (e, f, g, h), (m, n, q) = _solved([x, z, one], [x, y, z, one], [x, z, one], pixels)
     depth = m[:, None] * x + n[:, None] * z + q[:, None]
-    # The row of the depth is (-sin, 0, cos, tz) times a number, whose sign has the points in front.
-    scale = np.sign(depth.sum(axis=1)) / np.maximum(np.hypot(m, n), 1e-12)
+    # The row of the depth is (-sin, 0, cos, tz) times a positive number.
+    scale = 1.0 / np.maximum(np.hypot(m, n), 1e-12)
     sin, cos, tz = -m * scale, n * scale, q * scale
     fx, u0 = (a * cos + b * sin) * scale, (b * cos - a * sin) * scale
     fy, v0 = f * scale, (g * cos - e * sin) * scale
@@ -64,14 +65,13 @@ def general_starts(points_mm: FloatArray, pixels: FloatArray) -> tuple[FloatArra
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     row = [x, y, z, np.ones_like(x)]
     matrix = np.stack([np.asarray(r).T for r in _solved(row, row, row, pixels)], axis=1)
-    sign = np.sign(np.linalg.det(matrix[:, :, :3]))
-    matrix = matrix * np.where(sign == 0, 1.0, sign)[:, None, None]
     internals, rotation = _triangle_times_rotation(matrix[:, :, :3])
     with np.errstate(all="ignore"):
         shift = _backward(internals, matrix[:, :, 3]) * size[:, None]
         shift = shift - np.einsum("hij,hj->hi", rotation, centre)
     in_front = (np.einsum("hj,hnj->hn", rotation[:, 2], points_mm) + shift[:, 2:] > 0).all(axis=1)
-    sound = _solid(points) & in_front & np.isfinite(shift).all(axis=1) & (sign != 0)
+    proper = np.linalg.det(matrix[:, :, :3]) > 0
+    sound = _solid(points) & proper & in_front & np.isfinite(shift).all(axis=1)
     return np.where(sound[:, None, None], rotation, np.eye(3)), np.where(sound[:, None], shift, 0.0), sound
 
 
@@ -93,19 +93,23 @@ def _solved(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Coefficients of the three rows, each ``(terms, H)``, of u = over_u / depth and v = over_v / depth.
 
-    Pixels are brought to mean 0 and sd 1 first, which changes internals alone: nobody asks for those.
+    Pixels are brought to mean 0 and sd 1 first, which changes internals alone: nobody asks for those. The scale of the
+    rows is fixed by the depth of the points' centre, the last term, which is in front of every camera: 1.
     """
     mean, sd = pixels.mean(axis=1, keepdims=True), pixels.std(axis=1, keepdims=True)
     seen = (pixels - mean) / np.where(sd > 0, sd, 1.0)
     h, n = seen.shape[:2]
     i, j = len(over_u), len(over_u) + len(over_v)
-    system = np.zeros((h, 2 * n, j + len(depth)))
+    system = np.zeros((h, 2 * n, j + len(depth) - 1))
     system[:, :n, :i] = np.stack(over_u, axis=-1)
     system[:, n:, i:j] = np.stack(over_v, axis=-1)
-    below = np.stack(depth, axis=-1)
+    below = np.stack(depth[:-1], axis=-1)
     system[:, :n, j:], system[:, n:, j:] = -seen[..., :1] * below, -seen[..., 1:] * below
-    solution = np.linalg.eigh(system.swapaxes(1, 2) @ system)[1][:, :, 0].T
-    return solution[:i], solution[i:j], solution[j:]
+    right = np.concatenate([seen[..., 0], seen[..., 1]], axis=1)[..., None]
+    turned = system.swapaxes(1, 2)
+    normal = turned @ system + _RIDGE * n * np.eye(system.shape[2])
+    solution = np.linalg.solve(normal, turned @ right)[..., 0].T
+    return solution[:i], solution[i:j], np.concatenate([solution[j:], np.ones((1, h))])
 
 
 def _triangle_times_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
