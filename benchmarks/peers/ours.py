@@ -80,7 +80,7 @@ def single(scenes: Scenes, dof: int, priors: Priors | None) -> Poses:
 
 
 def told_nominal(scenes: Scenes) -> Poses:
-    """``estimate_pose`` from the closed form, upright, with soft priors and the nominal focal length, as peers know it."""
+    """``estimate_pose`` from the closed form, upright, with soft priors and the nominal focal length the peers know."""
     start, _ = upright_starts(scenes.points_mm, scenes.pixels[:, 0])
     found = []
     for k, focal in enumerate(scenes.nominal_px):

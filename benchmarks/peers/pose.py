@@ -134,10 +134,10 @@ def compare(noise_px: float, options: argparse.Namespace) -> None:
     for row in mine[:2]:
         print(told(row, verdict(row, single)))
     for v in (2, 3):
-        print(f"{v} views with known moves against the peers' one view:")
-        print(told(together[v][0], verdict(together[v][0], single)))
-        print(f"{v} views against the peers' rigs of {v} views:")
-        print(told(together[v][0], verdict(together[v][0], rigs[v])))
+        for title, others in (("the peers' one view", single), (f"the peers' rigs of {v} views", rigs[v])):
+            print(f"{v} views with known moves against {title}:")
+            for row in together[v][:2]:
+                print(told(row, verdict(row, others)))
 
 
 def main() -> None:

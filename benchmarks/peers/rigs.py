@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,27 +37,9 @@ def pycolmap_rig_all_internals(points: FloatArray, pixels: FloatArray, focal: fl
     if start is None:
         return None
     pose, focals = start
-    scene = pycolmap.Reconstruction()
     views = len(cameras)
-    rig = pycolmap.Rig(rig_id=1)
-    for k, move in enumerate(_moves(cameras)):
-        scene.add_camera(colmap_camera(k + 1, focals[k], "PINHOLE"))
-        sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, k + 1)
-        if k == 0:
-            rig.add_ref_sensor(sensor)
-        else:
-            rig.add_sensor(sensor, move)
-    scene.add_rig(rig)
-    frame = pycolmap.Frame(frame_id=1, rig_id=1)
-    frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:, :3]), pose[:, 3])
-    for k in range(views):
-        frame.add_data_id(pycolmap.data_t(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, k + 1), k + 1))
-    scene.add_frame(frame)
-    for k in range(views):
-        image = pycolmap.Image(name=str(k), keypoints=pixels[k] + COLMAP_PIXEL, camera_id=k + 1, image_id=k + 1)
-        image.frame_id = 1
-        scene.add_image(image)
-    scene.register_frame(1)
+    own = [colmap_camera(k + 1, focals[k], "PINHOLE") for k in range(views)]
+    scene = rig_scene(own, _moves(cameras), pose, list(pixels))
     for n, point in enumerate(points):
         scene.add_point3D(point, pycolmap.Track([pycolmap.TrackElement(k + 1, n) for k in range(views)]))
     config = pycolmap.BundleAdjustmentConfig()
@@ -68,18 +50,50 @@ def pycolmap_rig_all_internals(points: FloatArray, pixels: FloatArray, focal: fl
     return found[:, :3], found[:, 3]
 
 
+def rig_scene(
+    cameras: Sequence[Any], moves: Sequence[FloatArray], pose: FloatArray, pixels: Sequence[FloatArray]
+) -> Any:
+    """A COLMAP reconstruction of one frame of a rig, without points: images, cameras and sensors 1 to V.
+
+    Args:
+        cameras: V of them, numbered from 1.
+        moves: ``(3, 4)`` first camera -> each camera.
+        pose: ``(3, 4)`` world -> first camera.
+        pixels: ``(n, 2)`` of each view.
+    """
+    import pycolmap
+
+    scene, rig, frame = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1), pycolmap.Frame(frame_id=1, rig_id=1)
+    for number, (camera, move) in enumerate(zip(cameras, moves, strict=True), start=1):
+        scene.add_camera(camera)
+        sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number)
+        if number == 1:
+            rig.add_ref_sensor(sensor)
+        else:
+            rig.add_sensor(sensor, pycolmap.Rigid3d(move))
+        frame.add_data_id(pycolmap.data_t(sensor, number))
+    scene.add_rig(rig)
+    frame.rig_from_world = pycolmap.Rigid3d(pose)
+    scene.add_frame(frame)
+    for number, seen in enumerate(pixels, start=1):
+        keypoints = seen + COLMAP_PIXEL
+        image = pycolmap.Image(name=str(number), keypoints=keypoints, camera_id=number, image_id=number)
+        image.frame_id = 1
+        scene.add_image(image)
+    scene.register_frame(1)
+    return scene
+
+
 RIGS: dict[str, RigSolver] = {
     "pycolmap rig, a focal length a view refined": pycolmap_rig_focal,
     "pycolmap rig, fx, fy + principal point a view refined": pycolmap_rig_all_internals,
 }
 
 
-def _moves(cameras: FloatArray) -> list[Any]:
-    """First camera -> each camera."""
-    import pycolmap
-
+def _moves(cameras: FloatArray) -> list[FloatArray]:
+    """First camera -> each camera ``(3, 4)``."""
     turns = rotation_y(cameras[:, 0])
-    return [pycolmap.Rigid3d(pycolmap.Rotation3d(t), -t @ c) for t, c in zip(turns, cameras[:, 1:], strict=True)]
+    return [np.column_stack([t, -t @ c]) for t, c in zip(turns, cameras[:, 1:], strict=True)]
 
 
 def _generalised(
@@ -101,7 +115,7 @@ def _generalised(
         pixels.reshape(-1, 2) + COLMAP_PIXEL,
         np.tile(points, (views, 1)),
         [int(k) for k in np.repeat(np.arange(views), count)],
-        _moves(cameras),
+        [pycolmap.Rigid3d(move) for move in _moves(cameras)],
         own,
         estimation,
         refinement,
