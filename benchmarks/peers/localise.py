@@ -27,6 +27,8 @@ VOTING, VOTED = 500, 30
 MAX_ERROR_PX = 12.0
 FIRST_FOCAL = 1.2
 """Of the longer side: where COLMAP starts without EXIF."""
+LEAST_FOR_INTERNALS = 12
+"""Fewer matches than this leave a view's internals as they are: they would follow the noise."""
 _ROUNDS = 3
 _TWIN = 1000
 
@@ -118,7 +120,7 @@ def _refinement(how: str) -> Any:
     import pycolmap
 
     options = pycolmap.AbsolutePoseRefinementOptions()
-    options.refine_focal_length = how != GIVEN
+    options.refine_focal_length = how == FOCAL
     return options
 
 
@@ -133,7 +135,8 @@ def _one(seen: Matches, of: Reference, how: str) -> _Fit | None:
     if len(seen.points_m) < 4:
         return None
     given = seen.pixels + COLMAP_PIXEL, seen.points_m
-    found = pycolmap.estimate_and_refine_absolute_pose(*given, camera, estimation, _refinement(how))
+    refinement = _refinement(GIVEN if how == GIVEN else FOCAL)
+    found = pycolmap.estimate_and_refine_absolute_pose(*given, camera, estimation, refinement)
     if found is None:
         return None
     if how == ALL:
@@ -146,10 +149,14 @@ def _rig(views: Sequence[Matches], references: Sequence[Reference], moves: list[
 
     cameras = []
     for k, (seen, of) in enumerate(zip(views, references, strict=True)):
-        # Focal lengths to start from are those of the views alone, where these have one.
-        alone = None if how == GIVEN else _one(seen, of, FOCAL)
-        focal = None if alone is None else float(alone.cameras[0].params[0])
-        cameras.append(_camera(k + 1, of, GIVEN if how == GIVEN else FOCAL, focal))
+        # Internals to start from are those of the views alone, where these have a pose.
+        alone = None if how == GIVEN else _one(seen, of, how)
+        if alone is not None and how == ALL:
+            alone = _adjusted([seen], moves[:1], alone)
+        camera = _camera(k + 1, of, how)
+        if alone is not None:
+            camera.params = alone.cameras[0].params
+        cameras.append(camera)
     which = np.repeat(np.arange(len(views)), [len(seen.points_m) for seen in views])
     if len(which) < 4:
         return None
@@ -164,8 +171,6 @@ def _rig(views: Sequence[Matches], references: Sequence[Reference], moves: list[
     )
     if found is None:
         return None
-    if how == ALL:
-        cameras = [_camera(k + 1, of, ALL, float(cameras[k].params[0])) for k, of in enumerate(references)]
     agree = np.asarray(found["inlier_mask"])
     return _Fit(found["rig_from_world"].matrix(), cameras, [agree[which == k] for k in range(len(views))])
 
@@ -182,6 +187,8 @@ def _adjusted(views: Sequence[Matches], moves: list[FloatArray], fit: _Fit) -> _
         for k, (seen, agree) in enumerate(zip(views, fit.inliers, strict=True)):
             config.add_image(k + 1)
             _add_points(scene, k + 1, seen, np.flatnonzero(agree))
+            if agree.sum() < LEAST_FOR_INTERNALS:
+                config.set_constant_cam_intrinsics(k + 1)
         pycolmap.create_default_bundle_adjuster(options, config, scene).solve()
         pose = scene.frame(1).rig_from_world.matrix()
         cameras = [scene.camera(k + 1) for k in range(len(views))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
@@ -24,6 +25,22 @@ def require(packages: tuple[str, ...] = PACKAGES) -> None:
             where="benchmarks.peers",
             remedy="Install the extra: pip install -e '.[peers]'",
         )
+
+
+def or_exit(packages: tuple[str, ...] = PACKAGES) -> None:
+    """For a command: the same, as one line on the standard error and exit code 2."""
+    try:
+        require(packages)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        sys.exit(error.exit_code)
+
+
+def quiet() -> None:
+    """Let COLMAP tell errors alone: steps of a solver that had to be repeated are none."""
+    import pycolmap
+
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
 
 
 def versions() -> str:

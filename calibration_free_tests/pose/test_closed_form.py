@@ -51,8 +51,11 @@ def test_each_set_of_a_batch_is_solved_as_it_is_alone() -> None:
 
 
 def test_a_plane_is_told_as_not_sound() -> None:
-    plane = np.vstack([WINDOW, WINDOW + np.array([50.0, 0.0, 0.0])])[None]
-    pixels = picture(plane[0], TRUE)[None]
+    rng = np.random.default_rng(4)
+    # Slanted: along the axes the solution is exactly zero, here it is rounding errors of any sign.
+    slanted = np.vstack([WINDOW, WINDOW + np.array([50.0, 0.0, 0.0])]) @ Pose4(30.0, 0.0, 0.0, 0.0).rotation.T
+    plane = np.broadcast_to(slanted, (100, 8, 3))
+    pixels = picture(slanted, TRUE) + 0.5 * rng.standard_normal((100, 8, 2))
     found, sound = upright_starts(plane, pixels)
     assert not sound.any()
     np.testing.assert_array_equal(found, 0.0)
@@ -62,6 +65,7 @@ def test_a_plane_is_told_as_not_sound() -> None:
 def test_mirrored_corners_are_told_as_not_sound() -> None:
     pixels = picture(TWO_FACES, TRUE) * [-1.0, 1.0] + [1279.0, 0.0]
     assert not upright_starts(TWO_FACES[None], pixels[None])[1][0]
+    assert not general_starts(TWO_FACES[None], pixels[None])[2][0]
 
 
 def test_from_noisy_corners_refinement_ends_in_the_minimum_next_to_the_truth() -> None:
