@@ -239,7 +239,9 @@ class Plan:
     @property
     def sha256(self) -> str:
         """Digest of all that the results of a trial depend on: rows, seed and model bases, but not how many trials."""
-        rows = [[row.base, row.policy, row.conditions.model_dump(mode="json")] for row in self.rows]
+        rows = [
+            [row.base, row.policy, row.conditions.model_dump(mode="json", exclude_defaults=True)] for row in self.rows
+        ]
         bases = sorted({(row.base, _digest(row.source)) for row in self.rows})
         text = json.dumps([rows, self.seed, bases], sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(text.encode()).hexdigest()
