@@ -12,7 +12,7 @@ from calibration_free_tests.paper.experiments import EXPERIMENTS, Run, run
 from recognition.modelbase import ModelBase
 from recognition.modelbase_io import load_model_base
 from rig.evaluate.experiments import starts
-from rig.evaluate.plan import ExperimentEntry
+from rig.evaluate.plan_file import ExperimentEntry
 
 _HEAD = (
     "exp  object  seed  left after each view          bits   views (paper)  hypotheses (paper)  answer   error mm  deg"

@@ -10,7 +10,8 @@ import pytest
 
 from calibration_free_tests.evaluate.sample import small_plan
 from rig.evaluate.bound import least_views
-from rig.evaluate.plan import NoiseEntry, Row, RowEntry, Task, ToldEntry
+from rig.evaluate.plan import Row, Task
+from rig.evaluate.plan_file import NoiseEntry, RowEntry, ToldEntry
 from rig.evaluate.staging import Stage, model_base, staged
 from sim_backends.corner_rig import CornerRig
 from sim_backends.scenes.stranger import stranger

@@ -18,7 +18,8 @@ from recognition.parts import Detector
 from recognition.recogniser import recognise
 from recognition.steps import Answer, Outcome, Step
 from rig.evaluate.experiments import SETTINGS, at_third_views, staged_rig
-from rig.evaluate.plan import ExperimentEntry, StartEntry, load_plan
+from rig.evaluate.plan import load_plan
+from rig.evaluate.plan_file import ExperimentEntry, StartEntry
 from sim_backends.staged_rig import HalfBlindDetector, StagedRig
 
 RIGHT_MM, RIGHT_DEG = 50.0, 2.0

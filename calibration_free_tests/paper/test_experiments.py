@@ -9,7 +9,7 @@ from calibration_free_tests.paper.experiments import EXPERIMENTS, run
 from recognition.modelbase import ModelBase
 from recognition.modelbase_io import load_model_base
 from rig.evaluate.experiments import shows, staged_rig
-from rig.evaluate.plan import ExperimentEntry
+from rig.evaluate.plan_file import ExperimentEntry
 from sim_backends.staged_rig import whole
 
 STARTS = {experiment.number: experiment.starts[0] for experiment in EXPERIMENTS}

@@ -18,7 +18,8 @@ from recognition.rates import DetectionRates
 from recognition.recogniser import recognise
 from recognition.settings import BenchBounds, RecogniserSettings
 from rig.errors import RigError
-from rig.evaluate.plan import ExperimentEntry, FirstViewEntry, StartEntry, Task
+from rig.evaluate.plan import Task
+from rig.evaluate.plan_file import ExperimentEntry, FirstViewEntry, StartEntry
 from rig.evaluate.staging import Stage, model_base
 from sim_backends.internals_policy import FixedByZoom
 from sim_backends.renderer import PartTruth

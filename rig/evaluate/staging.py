@@ -18,7 +18,8 @@ from recognition.parts import Detector
 from recognition.rates import DetectionRates
 from recognition.settings import BenchBounds, Effort, RecogniserSettings
 from rig.errors import RigError
-from rig.evaluate.plan import RowEntry, Task
+from rig.evaluate.plan import Task
+from rig.evaluate.plan_file import RowEntry
 from rig.hal import RigLimits, RigPose
 from sim_backends import turntable
 from sim_backends.corner_noise import CornerNoise
