@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from benchmarks.bench_castle import OBJECT, WITHIN_DEG, WITHIN_MM, recognise_from, starts, truth
 from benchmarks.peers.localise import ALL, FOCAL, GIVEN, Located, Matches, locate, matches
-from benchmarks.peers.needs import or_exit, quiet, versions
+from benchmarks.peers.needs import command, quiet, require, versions
 from benchmarks.peers.sift_map import (
     SAME_PLACE_M,
     Features,
@@ -198,7 +198,7 @@ def main() -> None:
     parser.add_argument("--scores", type=Path, metavar="FILE", help="write each score here, a JSON line each")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("RIG_REAL_DATA", "../shared/data")))
     given = parser.parse_args()
-    or_exit(("pycolmap",))
+    require(("pycolmap",))
     quiet()
     castle = (given.data / "castle").resolve()
     if not (castle / "truth.jsonl").is_file():
@@ -233,4 +233,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from benchmarks.peers import ours
 from benchmarks.peers.bound import DRIFT_KNOWN, KNOWN, UNKNOWN, bound, sampled
-from benchmarks.peers.needs import or_exit, quiet, versions
+from benchmarks.peers.needs import command, quiet, require, versions
 from benchmarks.peers.rigs import RIGS
 from benchmarks.peers.scenes import Scenes, draw
 from benchmarks.peers.score import HEADER, Row, errors, line, told, verdict
@@ -148,7 +148,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="of our batches, for their time")
     parser.add_argument("--slow", type=int, default=200, help="scenes for ours without a start, 6 DOF a tenth of them")
     options = parser.parse_args()
-    or_exit()
+    require()
     quiet()
     import cv2
 
@@ -161,4 +161,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)
