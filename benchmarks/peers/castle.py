@@ -1,6 +1,7 @@
 """Prints how SIFT + PnP localisation and ours find the place on the castle, from the same first photographs.
 
-Run: python -m benchmarks.peers.castle [--starts 12] [--inliers 30] [--jobs 2] [--cache FILE] [--keep FILE]
+Run: python -m benchmarks.peers.castle [--starts 12] [--inliers 30] [--pose-sd-mm MM] [--jobs 2]
+     [--cache FILE] [--keep FILE] [--scores FILE]
 The peer: OpenCV's SIFT, a map of points triangulated from all other photographs, pycolmap's pose from the 30
 photographs that match best. It is given the poses of those photographs in the object frame and their true internals;
 its map holds one object, so that it cannot name a wrong one. Of the photograph to be located it knows nothing
@@ -30,7 +31,7 @@ import numpy.typing as npt
 
 from benchmarks.bench_castle import OBJECT, WITHIN_DEG, WITHIN_MM, recognise_from, starts, truth
 from benchmarks.peers.localise import ALL, FOCAL, GIVEN, Located, Matches, locate, matches
-from benchmarks.peers.needs import or_exit, quiet, versions
+from benchmarks.peers.needs import command, quiet, require, versions
 from benchmarks.peers.sift_map import (
     SAME_PLACE_M,
     Features,
@@ -196,9 +197,10 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, metavar="FILE.npz", help="keep the peer's features and matches here")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="keep our trials here, and skip those kept already")
     parser.add_argument("--scores", type=Path, metavar="FILE", help="write each score here, a JSON line each")
+    parser.add_argument("--pose-sd-mm", type=float, metavar="MM", help="how sure ours is to be; as its bench says: 40")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("RIG_REAL_DATA", "../shared/data")))
     given = parser.parse_args()
-    or_exit(("pycolmap",))
+    require(("pycolmap",))
     quiet()
     castle = (given.data / "castle").resolve()
     if not (castle / "truth.jsonl").is_file():
@@ -207,7 +209,7 @@ def main() -> None:
     print(versions(), flush=True)
     known = kept_trials(given.keep)
     trials = {file: known[file] for file in files if file in known}
-    options = {"policy": "information", "seed": 0, "max_views": 12}
+    options = {"policy": "information", "seed": 0, "max_views": 12, "pose_sd_mm": given.pose_sd_mm}
     work = partial(recognise_from, castle=castle, failures=None, options=options)
     for trial in spread_out(work, [file for file in files if file not in known], given.jobs):
         print(trial.line, flush=True)
@@ -233,4 +235,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
@@ -27,10 +28,10 @@ def require(packages: tuple[str, ...] = PACKAGES) -> None:
         )
 
 
-def or_exit(packages: tuple[str, ...] = PACKAGES) -> None:
-    """For a command: the same, as one line on the standard error and exit code 2."""
+def command(work: Callable[[], None]) -> None:
+    """Do the work; what is wrong with the input is one line on the standard error, and exit code 2."""
     try:
-        require(packages)
+        work()
     except InputError as error:
         print(error, file=sys.stderr)
         sys.exit(error.exit_code)

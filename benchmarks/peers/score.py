@@ -32,11 +32,15 @@ class Errors:
 
 @dataclass(frozen=True)
 class Row:
-    """A solver's line: its errors, and microseconds a solve (``None`` for what is no solver)."""
+    """A solver's line: its errors, and microseconds a solve by the wall's clock and of the processor.
+
+    ``None`` for what is no solver.
+    """
 
     name: str
     errors: Errors
     microseconds: float | None
+    processor: float | None = None
 
 
 def errors(rotation: FloatArray, shift: FloatArray, true_rotation: FloatArray, true_shift: FloatArray) -> Errors:
@@ -62,8 +66,8 @@ def _pan(rotation: FloatArray) -> FloatArray:
 
 
 HEADER = (
-    f"{'':58} {'rotation, deg':>15} {'pan alone, deg':>15} {'centre, mm':>15}  failed    time\n"
-    f"{'':58} {'median    p90':>15} {'median    p90':>15} {'median    p90':>15}         us/solve"
+    f"{'':58} {'rotation, deg':>15} {'pan alone, deg':>15} {'centre, mm':>15}  failed   us/solve\n"
+    f"{'':58} {'median    p90':>15} {'median    p90':>15} {'median    p90':>15}            wall    cpu"
 )
 
 
@@ -71,7 +75,7 @@ def line(row: Row) -> str:
     """A row of the table."""
     e = row.errors
     cells = " ".join(f"{pair(values):>15}" for values in (e.rotation_deg, e.pan_deg, e.centre_mm))
-    took = "" if row.microseconds is None else f"{row.microseconds:8.0f}"
+    took = "".join("" if t is None else f"{t:8.0f}" for t in (row.microseconds, row.processor))
     return f"{row.name:58} {cells} {e.failures:7d} {took}".rstrip()
 
 
