@@ -87,7 +87,7 @@ class GrblGantry:
                 session.link.close()
                 raise
             trusted = self._settings.homing == "trusted" and not session.restarted and not session.locked
-            session.homed = trusted or self._settings.homing == "none"
+            session.homed = (trusted and not session.unhomed) or self._settings.homing == "none"
             session.restarted, session.trouble = False, ""
             self._session, self._dead, self._play_taken_up = session, False, False
             return identity
@@ -206,10 +206,16 @@ class GrblGantry:
 
     def _guarded(self, session: GrblSession, action: Callable[[], Result]) -> Result:
         """Do something on the wire; what still moves is stopped before any error is passed on, Ctrl-C among them."""
+        lines = session.lines
         try:
             return action()
-        except (UnreachableError, AlarmError, RestartedError, StoppedError):
+        except (UnreachableError, AlarmError, StoppedError):
             raise  # nothing was sent, it is at rest by itself, or it has been stopped
+        except RestartedError:
+            if session.lines > lines:
+                # It may have restarted before the line reached it, and be doing now what the line says.
+                self.stop()
+            raise
         except LinkLostError:
             session.homed, self._dead = False, True
             raise

@@ -9,6 +9,10 @@ from drivers.grbl_session import GrblSession, Report, SilentError
 from rig.errors import HardwareError
 
 
+_DOUBLED_S = 0.5
+"""After so long a second homing would be seen to run."""
+
+
 def home(session: GrblSession) -> Report:
     """Home all axes, resetting first where the alarm asks for it.
 
@@ -30,6 +34,8 @@ def home(session: GrblSession) -> Report:
             f"{where}: homing was answered sooner than it can be done; the command was garbled on its way. "
             "Check the cable, then home again"
         )
+    # Of a line that was doubled on its way the second one homes again, or is answered a second time.
+    session.listen(_DOUBLED_S)
     session.forget_position()
     report = session.report()
     if report.state != "Idle":

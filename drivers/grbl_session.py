@@ -73,21 +73,25 @@ class GrblSession:
         trouble: what a person should know; empty where nothing is wrong.
         moving: motion has been commanded and not been seen to end.
         latest: the last report that could be trusted.
+        unhomed: it has said itself that it is not homed (grblHAL's ``H:0``).
         stops: how many STOPs there have been.
+        stopping: a STOP is being carried out; it heeds no other one.
+        lines: how many lines have been written.
     """
 
     def __init__(self, link: SerialLink, clock: Clock, settings: GrblSettings) -> None:
         self.link, self.clock, self.settings = link, clock, settings
         self.kind = self.version = self.trouble = ""
         self.firmware: dict[int, float] = {}
-        self.homed = self.locked = self.moving = self.restarted = False
+        self.homed = self.locked = self.moving = self.restarted = self.unhomed = False
         self.alarm: int | None = None
         self.latest: Report | None = None
-        self.stops = self._stops_allowed = 0
+        self.stops = self._stops_allowed = self.lines = 0
+        self.stopping = False
         self._offset: Triple | None = None
         self._offset_doubt: Triple | None = None
         self._doubt: Report | None = None
-        self._awaiting_banner = False
+        self._awaiting_banner = self._silenced = False
 
     def begin(self) -> int:
         """An operation begins: STOPs from before do not concern it. Returns what `resume` takes."""
@@ -105,7 +109,7 @@ class GrblSession:
     def next_reply(self, deadline_s: float) -> Reply | None:
         """The next line that comes, its consequences noted; ``None`` by the deadline."""
         while True:
-            if self.stops != self._stops_allowed:
+            if self.stops != self._stops_allowed and not self.stopping:
                 raise StoppedError(f"{self.link.where}: stopped by STOP. Release it before moving again")
             line = self.link.read_line(min(deadline_s, self.clock.now_s() + _LOOK_S))
             if line:
@@ -114,6 +118,10 @@ class GrblSession:
                     self._note_alarm(reply.number)
                 elif isinstance(reply, Banner):
                     self._note_banner()
+                elif isinstance(reply, StatusReport) and reply.homed is not None:
+                    # Told once, and then only when it changes: so it is noted of whatever report.
+                    self.unhomed = not reply.homed
+                    self.homed = self.homed and reply.homed
                 return reply
             if line is None and self.clock.now_s() >= deadline_s:
                 return None
@@ -133,6 +141,7 @@ class GrblSession:
             LinkLostError: the port is gone.
         """
         self.listen(0.0)
+        self.lines += 1
         self.link.write(line.encode("ascii") + b"\n")
         deadline_s = self.clock.now_s() + seconds
         replies: list[Reply] = []
@@ -178,16 +187,19 @@ class GrblSession:
             SilentError, OutOfStepError, StoppedError, LinkLostError: as `report`.
         """
         for _ in range(_STATUS_TRIES):
-            if self.mute:
-                return None
             try:
+                if self.mute:
+                    self._drain()
+                if self.mute:
+                    return None
                 return self.report()
             except (AlarmError, RestartedError):
                 continue
         raise SilentError(f"{self.link.where}: alarms and restarts without end. Switch its power off and on")
 
     def reset(self) -> bool:
-        """Send 0x18 and wait for the banner; True if it came."""
+        """Send 0x18 and wait for the banner; True if it came. A banner from before is none: it tells of a restart."""
+        self._drain()
         self._awaiting_banner = True
         self.link.write(b"\x18")
         deadline_s = self.clock.now_s() + self.settings.deadlines.reset_s
@@ -212,7 +224,12 @@ class GrblSession:
     @property
     def mute(self) -> bool:
         """GRBL after alarm 1 or 2: it answers nothing before a reset."""
-        return self.kind == "GRBL" and self.alarm in (1, 2)
+        return self.kind == "GRBL" and self._silenced
+
+    def _drain(self) -> None:
+        """Note what has come by now, and answer to none of it."""
+        while self.next_reply(self.clock.now_s()) is not None:
+            continue
 
     def _await_status(self, deadline_s: float) -> StatusReport | None:
         while (reply := self.next_reply(deadline_s)) is not None:
@@ -234,12 +251,13 @@ class GrblSession:
 
     def _note_alarm(self, number: int) -> None:
         self.alarm, self.locked, self.moving = number, True, False
+        self._silenced = number in (1, 2)
         self.homed = self.homed and alarm(number).position_kept
         self.forget_position()
 
     def _note_banner(self) -> None:
         self.forget_position()
-        self.moving = False
+        self.moving = self._silenced = False
         if self._awaiting_banner:
             self._awaiting_banner = False
         else:
@@ -254,11 +272,13 @@ class GrblSession:
         if place is None:
             return None
         report = Report(status.state, status.substate, place, self.clock.now_s())
+        known = self.latest is not None
         if not self._plausible(report):
             return None
+        if known and self._doubt is not None and not self._within_reach(self.latest, report):
+            # Two reports agree on a place that it cannot have come to: it has begun to count anew.
+            self.homed, self.trouble = False, "the position jumped: home it again"
         self._note_state(report)
-        if status.homed is False:
-            self.homed = False
         return report
 
     def _offset_is_sure(self, offset: Triple | None) -> bool:
@@ -272,13 +292,15 @@ class GrblSession:
         return sure
 
     def _plausible(self, report: Report) -> bool:
-        for before in (self.latest, self._doubt):
-            if before is not None and apart_mm(before.position_mm, report.position_mm) <= self._reach_mm(
-                before, report
-            ):
-                return True
+        if self._within_reach(self.latest, report) or self._within_reach(self._doubt, report):
+            return True
         self._doubt = report
         return False
+
+    def _within_reach(self, before: Report | None, report: Report) -> bool:
+        if before is None:
+            return False
+        return apart_mm(before.position_mm, report.position_mm) <= self._reach_mm(before, report)
 
     def _reach_mm(self, before: Report, report: Report) -> float:
         if not self.moving:

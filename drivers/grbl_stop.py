@@ -34,17 +34,27 @@ def stop_motion(session: GrblSession, lock: threading.RLock) -> StopReport:
     except HardwareError as error:
         session.homed = False
         return StopReport(None, confirmed=False, position_kept=False, trouble=f"STOP could not be sent: {error}")
-    if not lock.acquire(timeout=session.settings.deadlines.hold_s):
+    if not _have(lock, session):
         return _reset_blindly(session, sent_at_s)
     before = session.begin()
+    session.stopping = True
     try:
         return _hold_then_reset(session, sent_at_s)
     except HardwareError as error:
         session.homed = False
         return StopReport(sent_at_s, confirmed=False, position_kept=False, trouble=f"not confirmed: {error}")
     finally:
+        session.stopping = False
         session.resume(before)
         lock.release()
+
+
+def _have(lock: threading.RLock, session: GrblSession) -> bool:
+    """Take the lock. Another STOP that has it is waited for, as it may brake for longer than a command looks away."""
+    while not lock.acquire(timeout=session.settings.deadlines.hold_s):
+        if not session.stopping:
+            return False
+    return True
 
 
 def _reset_blindly(session: GrblSession, sent_at_s: float) -> StopReport:
