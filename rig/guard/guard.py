@@ -17,7 +17,8 @@ from rig.devices import Clock, Identity, Motion, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.activity import HOMED_OR_NOT, Activities
 from rig.guard.breaking import halt_until_ended, stop_until_ended
-from rig.guard.errors import RefusedError
+from rig.guard.errors import RefusedError, StoppedError
+from rig.guard.latching import Latching
 from rig.guard.rules import AXES, LINEAR, Rules
 from rig.guard.states import Event, Machine, State
 from rig.guard.watch import GuardStatus, HomingMemory, Seen, StopLatch, Watch
@@ -321,11 +322,13 @@ class Guard:
     def stop(self, by: str = "by hand") -> StopReport:
         """STOP: everything at rest, and nothing moves before `release`. Never raises; says what is not certain."""
         self._machine.latch_stop(by)
+        # A process that is killed from now on has told the others all the same.
+        latching = None if self._latch is None else Latching(self._latch, by)
         report = stop_until_ended(self._rig, self._machine)
         self._machine.note_stop()
         if not report.position_kept:
             self._watch.homed = False
-        troubles = [report.trouble, "" if self._latch is None else self._latch.set(by)]
+        troubles = [report.trouble, "" if latching is None else latching.end()]
         if not report.confirmed:
             troubles.append("it is not certain that everything is at rest: look, and switch the power off if it is not")
         self._watch.stop = replace(report, trouble="; ".join(filter(None, troubles)))
@@ -355,14 +358,22 @@ class Guard:
 
         Raises:
             RefusedError: it is not stopped, or the stopped command has not ended yet.
+            StoppedError: another STOP came meanwhile; that one is latched.
         """
         with self._machine.alone("releasing STOP"):
             self._machine.refuse(Event.RELEASE)
+            released = self._machine.last_stop
             self._watch.let_go()
             found = self._watch.found(self._watch.ask()) if self._watch.connected else State.DISCONNECTED
             if self._latch is not None:
                 self._latch.clear()
-            self._machine.release(found)
+            try:
+                self._machine.release(found, released)
+            except StoppedError:
+                # The other STOP may have found the latch set, just before it was cleared.
+                if self._latch is not None:
+                    self._latch.set(self._machine.stop_note)
+                raise
         return self.state
 
     # Within.

@@ -147,6 +147,7 @@ class Machine:
         self._ended = threading.Condition(self._lock)
         self._running: Running | None = None
         self._stop_note = ""
+        self._last_stop: object = None
         self._hold_asked = False
         self._seen = seen
 
@@ -170,6 +171,11 @@ class Machine:
     def stop_note(self) -> str:
         """Who stopped it; empty unless STOP is latched."""
         return self._stop_note
+
+    @property
+    def last_stop(self) -> object:
+        """Another object for each STOP that has come."""
+        return self._last_stop
 
     @contextmanager
     def alone(self, what: str, *, yields: bool = False, wait_s: float = 5.0) -> Iterator[None]:
@@ -253,6 +259,8 @@ class Machine:
 
     def latch_stop(self, note: str) -> None:
         """STOPPED from now on. Takes no lock."""
+        # In this order: `release` clears the note and then looks if this has changed.
+        self._last_stop = object()
         self._stop_note = self._stop_note or note
 
     def note_stop(self) -> None:
@@ -261,11 +269,22 @@ class Machine:
             if self._stop_note and self._state not in (*ACTIVITIES, State.STOPPED):
                 self._set(Event.STOP, State.STOPPED)
 
-    def release(self, target: State) -> None:
-        """Undo the latch, by hand."""
+    def release(self, target: State, stop: object) -> None:
+        """Undo the latch, by hand.
+
+        Args:
+            target: what the devices say.
+            stop: the last one that there was when the person asked for it.
+
+        Raises:
+            StoppedError: another one has come since, and stays latched.
+        """
         with self._lock:
             self.refuse(Event.RELEASE)
-            self._stop_note = ""
+            note, self._stop_note = self._stop_note, ""
+            if self._last_stop is not stop:
+                self._stop_note = self._stop_note or note
+                raise StoppedError("another STOP came while the first was being released. Release it again")
             self._set(Event.RELEASE, target)
 
     def others_in_motion(self) -> bool:
