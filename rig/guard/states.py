@@ -200,6 +200,7 @@ class Machine:
             yield
         finally:
             with self._ended:
+                self._heed_hold()
                 self._running = None
                 self._ended.notify_all()
 
@@ -226,10 +227,12 @@ class Machine:
         """Change the state.
 
         Raises:
-            StoppedError, HeldError, RefusedError: as `refuse`.
+            StoppedError, HeldError, RefusedError: as `refuse`; or a hold came while the command was being prepared.
         """
         with self._lock:
             self.refuse(event)
+            if self._hold_asked and target in ACTIVITIES:
+                raise HeldError(f"a hold came before {event.value} had begun. Command it again")
             self._set(event, target)
 
     def end(self, event: Event, target: State) -> None:
@@ -249,13 +252,13 @@ class Machine:
                 self._set(Event.FIND, target)
 
     def hold(self) -> None:
-        """Nothing moves from now on until it is resumed; an activity ends as held."""
+        """Nothing moves until it is resumed: an activity ends as held, and what is being prepared does not begin."""
         with self._lock:
-            if self._stop_note or (self._state, Event.HOLD) not in BY_CAUSE:
+            if self._stop_note or self._state is State.HELD:
                 return
-            self._hold_asked = True
+            self._hold_asked = self._running is not None or (self._state, Event.HOLD) in BY_CAUSE
             if self._state not in ACTIVITIES:
-                self._set(Event.HOLD, State.HELD)
+                self._heed_hold(ended=self._running is None)
 
     def latch_stop(self, note: str) -> None:
         """STOPPED from now on. Takes no lock."""
@@ -297,10 +300,18 @@ class Machine:
         with self._ended:
             return self._ended.wait_for(lambda: self._running is None, seconds)
 
+    def _heed_hold(self, *, ended: bool = True) -> None:
+        """Be held if that was asked for, and can be; a hold of a command that has ``ended`` otherwise is over."""
+        if self._hold_asked and not self._stop_note and (self._state, Event.HOLD) in BY_CAUSE:
+            self._set(Event.HOLD, State.HELD)
+        elif ended and self._state is not State.HELD:
+            self._hold_asked = False
+
     def _set(self, event: Event, target: State) -> None:
         source = self._state
         if target not in BY_CAUSE[source, event]:
             raise RuntimeError(f"{event.value} never leads from {source.value} to {target.value}")
         self._state = target
-        self._hold_asked = self._hold_asked and target in (State.HELD, *ACTIVITIES)
+        if source in (State.HELD, *ACTIVITIES):
+            self._hold_asked = self._hold_asked and target in (State.HELD, *ACTIVITIES)
         self._seen(source, event, target)
