@@ -207,6 +207,22 @@ def test_a_fault_is_shown_and_the_way_back_is_by_hand(tmp_path: Path) -> None:
         assert s.pose.x_mm == pytest.approx(100.0)
 
 
+def test_a_camera_that_was_lost_is_connected_again_without_homing_anew(tmp_path: Path) -> None:
+    with session(tmp_path) as s:
+        s.made.camera.unplug()
+        s.jogger.capture()
+        s.rest()
+        assert s.told[-1][0] == "fault"
+        assert "then connect again" in s.told[-1][1]
+        s.made.camera.replug()
+        for act in (s.jogger.connect, s.jogger.capture):
+            act()
+            s.rest()
+        assert [kind for kind, _ in s.told[-2:]] == ["done", "done"]
+        assert s.jogger.pictures == 1
+        assert s.pose == PLACE
+
+
 def test_before_homing_a_step_is_refused_and_homing_helps(tmp_path: Path) -> None:
     with session(tmp_path, homed=False) as s:
         assert s.state is State.UNHOMED

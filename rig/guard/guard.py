@@ -143,12 +143,18 @@ class Guard:
     def connect(self) -> dict[str, Identity]:
         """Connect all devices. Nothing moves, nothing is unlocked, and no torque is enabled.
 
+        Where they are connected already only the camera is, anew: a lost one costs neither homing nor torque.
+
         Raises:
             HardwareError: lists every device that cannot be connected.
-            RefusedError: connected already, or stopped.
+            StoppedError, RefusedError: not now.
         """
         with self._machine.alone("connecting"):
+            again = self.state is not State.DISCONNECTED
             self._machine.refuse(Event.CONNECT)
+            if again:
+                self._watch.connect_camera()
+                return self.identities
             # What is left of a link that has failed need not close well.
             with suppress(HardwareError):
                 self._disconnect()

@@ -82,6 +82,8 @@ TABLE: tuple[Transition, ...] = (
     Transition(_S.ALARM, _E.UNLOCK, _REST),
     Transition(_S.ALARM, _E.HOME, (_S.MOVING,)),
     Transition(_S.ALARM, _E.FIND, (_S.DISCONNECTED,)),
+    # Connecting what is connected opens the camera anew, and nothing else.
+    *(Transition(s, _E.CONNECT, (s,)) for s in (_S.IDLE, _S.UNHOMED, _S.HELD, _S.ALARM)),
     *(Transition(s, _E.HOLD, (_S.HELD,)) for s in (_S.IDLE, _S.UNHOMED, _S.MOVING, _S.JOGGING, _S.CAPTURING)),
     *(Transition(s, _E.CLOSE, (_S.DISCONNECTED,)) for s in (_S.IDLE, _S.UNHOMED, _S.HELD, _S.ALARM)),
     *(Transition(state, _E.STOP, (_S.STOPPED,)) for state in _BUT_STOPPED),

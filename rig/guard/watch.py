@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -119,6 +120,20 @@ class Watch:
         self.homed = self._is_remembered(status)
         self.take(status)
         return status
+
+    def connect_camera(self) -> None:
+        """Close the camera and open it anew; nothing else is asked or told anything.
+
+        Raises:
+            HardwareError: it cannot be connected.
+        """
+        # What is left of a camera that has failed need not close well.
+        with suppress(HardwareError):
+            self._rig.camera.close()
+        try:
+            self.identities["camera"] = self._rig.camera.connect()
+        except HardwareError as error:
+            raise HardwareError(f"camera: {error}") from error
 
     def forget(self) -> None:
         """Nothing is known of where the rig stands."""
