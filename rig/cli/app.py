@@ -24,6 +24,7 @@ from rig.cli import (
     runs,
     scanning,
     simulating,
+    stopping,
 )
 from rig.errors import RigError
 
@@ -95,6 +96,7 @@ def rig(
 for _module in (
     recognising,
     benching,
+    stopping,
     jogging,
     scanning,
     aligning,

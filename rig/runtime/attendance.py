@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+from rig.devices import StopReport
+from rig.errors import RigError
 from rig.runtime.homing import FileHomingMemory
 from rig.runtime.latch import FileLatch
-from rig.runtime.line import Attended, ask, ask_holder, listening
+from rig.runtime.line import Attended, ask, listening
+from rig.runtime.telling import stop_object
 
 
 class Attendance:
@@ -38,6 +42,24 @@ class Attendance:
         return ask(self._line, what, **details)
 
 
-def held_benches(folder: Path) -> list[Path]:
-    """The sockets of the processes that hold a bench now."""
-    return [path for path in sorted(folder.glob("*.sock")) if ask_holder(path)]
+def stop_held(folder: Path, by: str) -> list[dict[str, Any]]:
+    """STOP all benches that processes hold, all at the same time, and return what they told.
+
+    Of a process that does not answer the report says so, and is not confirmed.
+    """
+    reports: list[dict[str, Any]] = []
+
+    def stop(path: Path) -> None:
+        try:
+            answer = ask(path, "stop", by=by)
+        except RigError as error:
+            answer = {"bench": str(path), **stop_object(StopReport(None, False, False, str(error)))}
+        if answer is not None:
+            reports.append(answer)
+
+    threads = [threading.Thread(target=stop, args=(path,), daemon=True) for path in sorted(folder.glob("*.sock"))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return sorted(reports, key=lambda report: str(report["bench"]))

@@ -81,7 +81,7 @@ def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
         try:
             answer = _exchange(path, asked)
             break
-        except ConnectionError as failure:
+        except (ConnectionError, BlockingIOError) as failure:
             # It is just ending, or was killed: soon nobody is there, and who asks for a STOP must send it himself.
             hung_up = failure
             time.sleep(_AGAIN_S)
@@ -99,6 +99,9 @@ def _exchange(path: Path, asked: bytes) -> dict[str, Any] | None:
         line.settimeout(_ASK_S)
         try:
             line.connect(str(path))
+        except (BlockingIOError, TimeoutError):
+            # Somebody listens there, and has not taken up those who called before.
+            raise
         except OSError:
             return None
         line.settimeout(ANSWER_S)
@@ -172,14 +175,3 @@ def _clear_stale(path: Path) -> None:
             f"{holder['bench']}: process {holder['pid']} holds this bench. Wait until it is done, or stop it"
         )
     path.unlink(missing_ok=True)
-
-
-def ask_holder(path: Path) -> bool:
-    """Somebody listens there."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
-        line.settimeout(_ASK_S)
-        try:
-            line.connect(str(path))
-        except OSError:
-            return False
-    return True
