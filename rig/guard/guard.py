@@ -16,7 +16,7 @@ from drivers.combined import CombinedRig
 from rig.devices import Clock, Identity, Motion, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.activity import HOMED_OR_NOT, Activities
-from rig.guard.breaking import halt_until_ended, stop_until_ended
+from rig.guard.breaking import broken_off, halt_until_ended, stop_until_ended
 from rig.guard.errors import RefusedError, StoppedError
 from rig.guard.latching import Latching
 from rig.guard.rules import AXES, LINEAR, Rules
@@ -35,8 +35,8 @@ class Guard:
         clock: the same that the devices have.
         memory: keeps over the end of a process where the gantry was left homed.
         latch: keeps a STOP over the end of a process.
-        company: contexts that are entered once connected and left before the devices are closed, e.g. who listens
-            for a STOP from other processes.
+        company: contexts that are entered before the devices are connected and left before they are closed, e.g. who
+            listens for a STOP from other processes.
         seen: is told every transition of the state.
     """
 
@@ -158,15 +158,17 @@ class Guard:
             # What is left of a link that has failed need not close well.
             with suppress(HardwareError):
                 self._disconnect()
-            status = self._watch.connect()
-            note = "" if self._latch is None else self._latch.note()
-            if note:
-                self._machine.latch_stop(note)
-                self._machine.note_stop()
-            else:
-                self._machine.go(Event.CONNECT, self._watch.found(status))
-            for companion in self._company:
-                self._companions.enter_context(companion(self))
+            try:
+                # First: whoever wants to stop what another program has left running must not find this one mute.
+                for companion in self._company:
+                    self._companions.enter_context(companion(self))
+                self._take_up(self._machine.last_stop)
+            except BaseException as error:
+                self._companions.close()
+                stopped = broken_off(self._machine)
+                if isinstance(stopped, StoppedError) and isinstance(error, HardwareError):
+                    raise stopped from error
+                raise
         return self.identities
 
     def home(self) -> RigPose | None:
@@ -398,6 +400,18 @@ class Guard:
             raise RefusedError("before homing only the gantry can be jogged. Home it first (`rig home`)")
         with self._activities.during(Event.JOG, State.JOGGING, HOMED_OR_NOT):
             self._rig.step_unplaced((step.x_mm, step.y_mm, step.z_mm))
+
+    def _take_up(self, before: object) -> None:
+        """Connect the devices; a STOP that came since the one ``before`` may have found some not connected yet."""
+        status = self._watch.connect()
+        if self._machine.last_stop is not before and not self._rig.stop().position_kept:
+            self._watch.homed = False
+        if self._latch is not None and (note := self._latch.note()):
+            self._machine.latch_stop(note)
+        try:
+            self._machine.go(Event.CONNECT, self._watch.found(status))
+        except StoppedError:
+            self._machine.note_stop()
 
     def _disconnect(self) -> None:
         self._watch.forget()
