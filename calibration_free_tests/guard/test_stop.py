@@ -359,7 +359,7 @@ def test_connecting_that_fails_for_a_stop_says_so_and_leaves_the_line(
         raise HardwareError("reset while it was asked who it is")
 
     monkeypatch.setattr(made.camera, "connect", fail)
-    with pytest.raises(StoppedError, match="stopped by STOP .a person"):
+    with pytest.raises(StoppedError, match=r"stopped by STOP .a person"):
         made.guard.connect()
     assert attendance.ask("status") is None
     assert not any(device.connected for device in made.devices)
