@@ -56,7 +56,7 @@ class Person:
         self.bench.write_text(BENCH)
         self.environment: Mapping[str, str] = os.environ | {
             "PYTHONPATH": f"{ROOT}{os.pathsep}{plugins}",
-            "XDG_RUNTIME_DIR": str(folder),
+            "RIG_RUNTIME_DIR": str(self.runtime),
         }
 
     @property
@@ -93,7 +93,7 @@ class Person:
 def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
     plugins = install(tmp_path / "drivers")
     monkeypatch.syspath_prepend(str(plugins))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "rig"))
     return Person(tmp_path, plugins)
 
 

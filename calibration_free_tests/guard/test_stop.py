@@ -20,9 +20,9 @@ from drivers import combined
 from drivers.combined import in_threads
 from rig.clock import SystemClock
 from rig.devices import Identity, StopReport
-from rig.errors import HardwareError, InputError, RigError
+from rig.errors import HardwareError, RigError
 from rig.guard import BusyError, Guard, RefusedError, State, StoppedError
-from rig.runtime import Attendance, FileLatch, ask, runtime_folder
+from rig.runtime import Attendance, FileLatch, ask
 
 SOON_S = 5.0
 """Real seconds after which a thread that should have come back has not."""
@@ -455,20 +455,3 @@ def test_the_socket_of_a_killed_process_is_taken_away_and_that_of_a_living_one_i
             second.guard.__enter__()
         assert not any(device.connected for device in second.devices)
         assert first.guard.state is State.UNHOMED
-
-
-@pytest.mark.parametrize("spoiled", ["others may write", "a file"])
-def test_a_runtime_folder_that_is_not_private_is_refused(
-    spoiled: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    folder = runtime_folder()
-    assert folder == tmp_path / "rig"
-    assert folder.stat().st_mode & 0o777 == 0o700
-    if spoiled == "a file":
-        folder.rmdir()
-        folder.touch()
-    else:
-        folder.chmod(0o777)
-    with pytest.raises(InputError, match="XDG_RUNTIME_DIR"):
-        runtime_folder()

@@ -56,7 +56,7 @@ def listening(path: Path, bench: str, guard: Attended) -> Iterator[None]:
         raise InputError(
             f"the socket for STOP cannot be made ({failure.strerror or failure})",
             where=str(path),
-            remedy="Set XDG_RUNTIME_DIR to a folder of your own, with a short path",
+            remedy="Set RIG_RUNTIME_DIR to a folder of your own, with a short path",
         ) from failure
     thread = threading.Thread(target=server.serve_forever, args=(0.05,), name="STOP line", daemon=True)
     thread.start()
