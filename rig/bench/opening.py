@@ -86,7 +86,7 @@ def open_live(
     gantry, axes, camera = make_devices(config.devices, clock, make)
     by_axis = {axis: axes[role] for axis, role in NAMES.items() if role in axes}
     rig = CombinedRig(gantry, by_axis, camera, file.axes.placement, clock, **others)
-    attendance = Attendance(runtime or runtime_folder(), config.key, config.name)
+    attendance = attendance_of(config, runtime)
     return Guard(
         rig,
         file.rules,
@@ -97,14 +97,14 @@ def open_live(
     )
 
 
-def attendance_of(config: BenchConfig) -> Attendance:
-    """Where processes that use a live bench meet.
+def attendance_of(config: BenchConfig, runtime: Path | None = None) -> Attendance:
+    """Where processes that use a live bench meet, in another folder than `rig.runtime.runtime_folder` if so told.
 
     Raises:
         InputError: it is a mock bench, or the runtime folder cannot be used.
     """
     _live(config)
-    return Attendance(runtime_folder(), config.key, config.name)
+    return Attendance(runtime or runtime_folder(), config.key, config.name, also=config.other_keys)
 
 
 def stop_directly(config: BenchConfig, by: str) -> StopReport:
