@@ -16,8 +16,7 @@ from calibration_free_tests.rigs.conformance import RigConformance
 from rig.devices import Motion
 from rig.errors import HardwareError, UnreachableError
 from rig.guard import BusyError, HeldError, RefusedError, State, table_markdown
-from rig.guard.rules import AXES
-from rig.hal import Rig, RigPose
+from rig.hal import AXES, Rig, RigPose
 
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 FREE = replace(RULES, keep_out=())

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 from rig.scan import OneSided, all_legs, legs, serpentine
-from rig.scan.order import AXES, at_every_zoom
+from rig.scan.order import at_every_zoom
 
 values = st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=4, unique=True)
 side_lists = st.lists(

@@ -63,7 +63,9 @@ def pose_words(pose: RigPose) -> str:
 
 
 def _words(pose: dict[str, float]) -> str:
-    x, y, z, theta, zoom = (pose[axis] for axis in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom"))
+    from rig.hal import AXES
+
+    x, y, z, theta, zoom = (pose[axis] for axis in AXES)
     return f"x {x:.3f}  y {y:.3f}  z {z:.3f} mm  theta {theta:.3f}°  zoom {zoom:.3f}"
 
 

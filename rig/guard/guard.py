@@ -19,11 +19,11 @@ from rig.guard.activity import HOMED_OR_NOT, Activities
 from rig.guard.breaking import broken_off, halt_until_ended, stop_until_ended
 from rig.guard.errors import RefusedError, StoppedError
 from rig.guard.latching import Latching
-from rig.guard.rules import AXES, LINEAR, Rules
+from rig.guard.rules import LINEAR, Rules
 from rig.guard.states import Event, Machine, State
 from rig.guard.watch import GuardStatus, HomingMemory, Seen, StopLatch, Watch
 from rig.guard.ways import Play, arrived, offers, plan, preflight, refuse_inside, refuse_outside, refuse_way, seconds
-from rig.hal import Frame, RigLimits, RigPose
+from rig.hal import AXES, Frame, RigLimits, RigPose
 
 
 class Guard:

@@ -11,10 +11,10 @@ from drivers.combined import CombinedRig, RigStatus
 from rig.devices import Clock, Identity, Motion, StopReport, Triple
 from rig.errors import HardwareError
 from rig.guard.errors import RefusedError
-from rig.guard.rules import AXES, Rules
+from rig.guard.rules import Rules
 from rig.guard.states import Event, Machine, State
 from rig.guard.ways import Play
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 
 _LOOKS, _LOOK_AGAIN_S = 3, 0.1
 

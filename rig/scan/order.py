@@ -8,7 +8,6 @@ from typing import Literal
 
 from rig.hal import RigPose
 
-AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
 _SAME = 1e-6
 
 
