@@ -19,8 +19,9 @@ from rig.guard.activity import HOMED_OR_NOT, Activities
 from rig.guard.breaking import broken_off, halt_until_ended, stop_until_ended
 from rig.guard.errors import RefusedError, StoppedError
 from rig.guard.latching import Latching
+from rig.guard.machine import Machine
 from rig.guard.rules import LINEAR, Rules
-from rig.guard.states import Event, Machine, State
+from rig.guard.states import Event, State
 from rig.guard.watch import GuardStatus, HomingMemory, Seen, StopLatch, Watch
 from rig.guard.ways import Play, arrived, offers, plan, preflight, refuse_inside, refuse_outside, refuse_way, seconds
 from rig.hal import AXES, Frame, RigLimits, RigPose

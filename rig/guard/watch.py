@@ -11,8 +11,9 @@ from drivers.combined import CombinedRig, RigStatus
 from rig.devices import Clock, Identity, Motion, StopReport, Triple
 from rig.errors import HardwareError
 from rig.guard.errors import RefusedError
+from rig.guard.machine import Machine
 from rig.guard.rules import Rules
-from rig.guard.states import Event, Machine, State
+from rig.guard.states import Event, State
 from rig.guard.ways import Play
 from rig.hal import AXES, RigPose
 
