@@ -68,7 +68,7 @@ def test_a_stop_is_latched_for_other_processes_while_a_servo_is_still_stopping(
 
 
 def test_a_latch_that_hangs_delays_no_device_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.guard.latching.LATCH_S", 0.05)
+    monkeypatch.setattr("rig.guard.stopping.LATCH_S", 0.05)
     latch, freed = MemoryLatch(), threading.Event()
     latch.before_set = lambda: freed.wait(SOON_S)
     made = bench(latch=latch, clock=SystemClock(), stops=in_threads)

@@ -7,8 +7,8 @@ thread at any time: they wait for nothing that a command holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -16,12 +16,12 @@ from drivers.combined import CombinedRig
 from rig.devices import Clock, Identity, Motion, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.activity import HOMED_OR_NOT, Activities
-from rig.guard.breaking import broken_off, halt_until_ended, stop_until_ended
-from rig.guard.errors import RefusedError, StoppedError
-from rig.guard.latching import Latching
+from rig.guard.errors import RefusedError
+from rig.guard.link import Companion, Link
 from rig.guard.machine import Machine
 from rig.guard.rules import LINEAR, Rules
 from rig.guard.states import Event, State
+from rig.guard.stopping import Stopping
 from rig.guard.watch import GuardStatus, HomingMemory, Seen, StopLatch, Watch
 from rig.guard.ways import Play, arrived, offers, plan, preflight, refuse_inside, refuse_outside, refuse_way, seconds
 from rig.hal import AXES, Frame, RigLimits, RigPose
@@ -49,14 +49,15 @@ class Guard:
         *,
         memory: HomingMemory | None = None,
         latch: StopLatch | None = None,
-        company: Sequence[Callable[[Guard], AbstractContextManager[object]]] = (),
+        company: Sequence[Companion] = (),
         seen: Seen = lambda source, event, target: None,
     ) -> None:
-        self._rig, self.rules, self.clock, self._latch = rig, rules, clock, latch
+        self._rig, self.rules, self.clock = rig, rules, clock
         self._machine = Machine(seen)
         self._watch = Watch(rig, rules, clock, self._machine, memory, latch)
         self._activities = Activities(rig, self._machine, self._watch, clock)
-        self._company, self._companions = tuple(company), ExitStack()
+        self._link = Link(rig, self._machine, self._watch, latch, company)
+        self._stopping = Stopping(rig, self._machine, self._watch, latch)
         self._sequence = 0
 
     # What is known.
@@ -150,26 +151,7 @@ class Guard:
             HardwareError: lists every device that cannot be connected.
             StoppedError, RefusedError: not now.
         """
-        with self._machine.alone("connecting"):
-            again = self.state is not State.DISCONNECTED
-            self._machine.refuse(Event.CONNECT)
-            if again:
-                self._watch.connect_camera()
-                return self.identities
-            # What is left of a link that has failed need not close well.
-            with suppress(HardwareError):
-                self._disconnect()
-            try:
-                # First: whoever wants to stop what another program has left running must not find this one mute.
-                for companion in self._company:
-                    self._companions.enter_context(companion(self))
-                self._take_up(self._machine.last_stop)
-            except BaseException as error:
-                self._companions.close()
-                stopped = broken_off(self._machine)
-                if isinstance(stopped, StoppedError) and isinstance(error, HardwareError):
-                    raise stopped from error
-                raise
+        self._link.connect(self)
         return self.identities
 
     def home(self) -> RigPose | None:
@@ -303,13 +285,7 @@ class Guard:
         """
         if self.running:
             self.hold()
-        with self._machine.alone("closing"):
-            try:
-                self._watch.remember()
-                self._disconnect()
-            finally:
-                if self.state not in (State.DISCONNECTED, State.STOPPED):
-                    self._machine.go(Event.CLOSE, State.DISCONNECTED)
+        self._link.close()
 
     def __enter__(self) -> Guard:
         if self._watch.connected:
@@ -330,26 +306,14 @@ class Guard:
 
     def stop(self, by: str = "by hand") -> StopReport:
         """STOP: everything at rest, and nothing moves before `release`. Never raises; says what is not certain."""
-        self._machine.latch_stop(by)
-        # A process that is killed from now on has told the others all the same.
-        latching = None if self._latch is None else Latching(self._latch, by)
-        report = stop_until_ended(self._rig, self._machine)
-        self._machine.note_stop()
-        if not report.position_kept:
-            self._watch.homed = False
-        troubles = [report.trouble, "" if latching is None else latching.end()]
-        if not report.confirmed:
-            troubles.append("it is not certain that everything is at rest: look, and switch the power off if it is not")
-        self._watch.stop = replace(report, trouble="; ".join(filter(None, troubles)))
-        return self._watch.stop
+        return self._stopping.stop(by)
 
     def hold(self) -> StopReport | None:
         """Stop motion, without latching STOP: a picture being taken is finished, and nothing moves until `resume`.
 
         Never raises; returns what stopping did, or ``None`` where nothing moved.
         """
-        self._machine.hold()
-        return halt_until_ended(self._rig, self._machine)
+        return self._stopping.hold()
 
     def resume(self) -> State:
         """Let motion be commanded again after a hold. What was held does not go on by itself.
@@ -369,20 +333,7 @@ class Guard:
             RefusedError: it is not stopped, or the stopped command has not ended yet.
             StoppedError: another STOP came meanwhile; that one is latched.
         """
-        with self._machine.alone("releasing STOP"):
-            self._machine.refuse(Event.RELEASE)
-            released = self._machine.last_stop
-            self._watch.let_go()
-            found = self._watch.found(self._watch.ask()) if self._watch.connected else State.DISCONNECTED
-            if self._latch is not None:
-                self._latch.clear()
-            try:
-                self._machine.release(found, released)
-            except StoppedError:
-                # The other STOP may have found the latch set, just before it was cleared.
-                if self._latch is not None:
-                    self._latch.set(self._machine.stop_note)
-                raise
+        self._stopping.release()
         return self.state
 
     # Within.
@@ -401,25 +352,6 @@ class Guard:
             raise RefusedError("before homing only the gantry can be jogged. Home it first (`rig home`)")
         with self._activities.during(Event.JOG, State.JOGGING, HOMED_OR_NOT):
             self._rig.step_unplaced((step.x_mm, step.y_mm, step.z_mm))
-
-    def _take_up(self, before: object) -> None:
-        """Connect the devices; a STOP that came since the one ``before`` may have found some not connected yet."""
-        status = self._watch.connect()
-        if self._machine.last_stop is not before and not self._rig.stop().position_kept:
-            self._watch.homed = False
-        if self._latch is not None and (note := self._latch.note()):
-            self._machine.latch_stop(note)
-        try:
-            self._machine.go(Event.CONNECT, self._watch.found(status))
-        except StoppedError:
-            self._machine.note_stop()
-
-    def _disconnect(self) -> None:
-        self._watch.forget()
-        try:
-            self._companions.close()
-        finally:
-            self._rig.close()
 
 
 def _told(pose: RigPose) -> str:
