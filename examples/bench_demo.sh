@@ -7,7 +7,7 @@ here=$(dirname "$0")
 work=$(mktemp -d -t rig-bench-demo.XXXXXX)
 # Not among the latches and homing notes of benches that are really there.
 mkdir -m 700 "$work/runtime"
-export XDG_RUNTIME_DIR=$work/runtime
+export RIG_RUNTIME_DIR=$work/runtime
 
 end() {
     kill "$emulator" 2>/dev/null || true

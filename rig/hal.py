@@ -17,6 +17,9 @@ import numpy.typing as npt
 Image = npt.NDArray[np.uint8]
 """``(h, w)`` grey or ``(h, w, 3)`` BGR, 8 bits."""
 
+AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
+"""The axes of a pose, in order: the fields of `RigPose`, and those of `RigLimits` that are `AxisLimits`."""
+
 
 @dataclass(frozen=True, slots=True)
 class RigPose:
@@ -156,8 +159,5 @@ class Rig(Protocol):
 
 def travel_seconds(limits: RigLimits, start: RigPose, end: RigPose) -> float:
     """Seconds of travel when all axes move at the same time at their own speed, plus settling and exposure."""
-    longest = max(
-        abs(getattr(end, axis) - getattr(start, axis)) / getattr(limits, axis).speed_per_s
-        for axis in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
-    )
+    longest = max(abs(getattr(end, axis) - getattr(start, axis)) / getattr(limits, axis).speed_per_s for axis in AXES)
     return float(longest + limits.settle_s + limits.exposure_s)

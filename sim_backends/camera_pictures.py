@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 
 from recognition.geometry import Mount, camera_in_rig
-from rig.hal import Image, RigPose
+from rig.hal import AXES, Image, RigPose
 from rig.imagegrid import GridFrame, ImageGrid
 from sim_backends.appearance import Sensor
-from sim_backends.image_grid_rig import AXES, ZOOM_AS_DEG
+from sim_backends.image_grid_rig import ZOOM_AS_DEG
 from sim_backends.internals_policy import FixedByZoom, InternalsPolicy
 from sim_backends.renderer import DEFAULT_SIZE, Scene, render
 

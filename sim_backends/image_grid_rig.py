@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.errors import InputError, UnreachableError
-from rig.hal import AxisLimits, Frame, RigLimits, RigPose, travel_seconds
+from rig.hal import AXES, AxisLimits, Frame, RigLimits, RigPose, travel_seconds
 from rig.imagegrid import GridFrame, ImageGrid
 from rig.imagegrid.entry import pose_key
 
-AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
 ZOOM_AS_DEG = 60.0
 """What the whole range of zoom counts for when the nearest cell is looked for: about what it changes of a picture."""
 _SCATTER_SD = 6.0

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from recognition.geometry import CameraPose, Mount, camera_in_object, camera_in_rig
 from rig.errors import InputError, UnreachableError
-from rig.hal import AxisLimits, Frame, RigLimits, RigPose, travel_seconds
+from rig.hal import AXES, AxisLimits, Frame, RigLimits, RigPose, travel_seconds
 from sim_backends.appearance import Sensor
 from sim_backends.internals_policy import FixedByZoom, InternalsPolicy
 from sim_backends.projection import Internals
@@ -20,8 +20,6 @@ from sim_backends.renderer import DEFAULT_SIZE, PartTruth, render, visible_parts
 from sim_backends.scene import Scene
 from sim_backends.viewpoints import CLEAR_MM, Plan
 from sim_backends.walls import walls_of
-
-AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
 
 
 @dataclass(frozen=True, slots=True)

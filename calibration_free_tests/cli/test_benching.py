@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +22,13 @@ from calibration_free_tests.guard.real_time import FIRMWARE
 from calibration_free_tests.guard.sample import bench as fresh_bench
 from rig.bench import load_bench
 from rig.cli.app import app
+from rig.devices import Identity, StopReport
+from rig.errors import HardwareError
 from rig.imagegrid import read_grid
 from rig.runtime import Attendance
 from sim_backends.grbl_emulator.machine import GrblMachine
 from sim_backends.pty_server import PtyServer
+from sim_backends.simple_devices import SimpleAxis, SimpleGantry
 from sim_backends.wired_device import WiredDevice
 
 SOON_S = 20.0
@@ -51,12 +56,16 @@ class Person:
         self.bench.write_text(BENCH)
         self.environment: Mapping[str, str] = os.environ | {
             "PYTHONPATH": f"{ROOT}{os.pathsep}{plugins}",
-            "XDG_RUNTIME_DIR": str(folder),
+            "RIG_RUNTIME_DIR": str(self.runtime),
         }
 
     @property
+    def runtime(self) -> Path:
+        return self.folder / "rig"
+
+    @property
     def attendance(self) -> Attendance:
-        return Attendance(self.folder / "rig", load_bench(self.bench).key, "bench")
+        return Attendance(self.runtime, load_bench(self.bench).key, "bench")
 
     @contextmanager
     def running(self, *arguments: object) -> Iterator[subprocess.Popen[str]]:
@@ -84,7 +93,7 @@ class Person:
 def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
     plugins = install(tmp_path / "drivers")
     monkeypatch.syspath_prepend(str(plugins))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "rig"))
     return Person(tmp_path, plugins)
 
 
@@ -261,7 +270,94 @@ def test_a_stop_of_a_wired_bench_that_is_not_there_is_not_confirmed(
     assert "switch the power off" in text
 
 
+def test_a_stop_where_nobody_holds_the_bench_reaches_the_gantry_however_long_a_servo_takes_to_connect(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gantry_told, in_time = threading.Event(), []
+    connect, stop = SimpleAxis.connect, SimpleGantry.stop
+
+    def slowly(axis: SimpleAxis) -> Identity:
+        in_time.append(gantry_told.wait(3.0))
+        return connect(axis)
+
+    def told(gantry: SimpleGantry) -> StopReport:
+        gantry_told.set()
+        return stop(gantry)
+
+    monkeypatch.setattr(SimpleAxis, "connect", slowly)
+    monkeypatch.setattr(SimpleGantry, "stop", told)
+    assert run("stop", person.bench) == 0
+    assert in_time == [True]
+
+
+def test_a_stop_where_nobody_holds_the_bench_tells_why_a_servo_was_not_reached(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(axis: SimpleAxis) -> Identity:
+        raise HardwareError("the bus is cut")
+
+    unconnected = StopReport(None, confirmed=False, position_kept=True, trouble="STOP could not be sent")
+    monkeypatch.setattr(SimpleAxis, "connect", fail)
+    monkeypatch.setattr(SimpleAxis, "stop", lambda axis: unconnected)
+    assert run("stop", person.bench) == 3
+    text = capsys.readouterr().out
+    assert "pan: STOP could not be sent; the bus is cut" in text
+    assert "gantry" not in text
+
+
+def test_a_stop_where_nobody_holds_the_bench_leaves_no_device_open(
+    person: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connected = []
+    close = SimpleAxis.close
+    monkeypatch.setattr(SimpleAxis, "close", lambda axis: (connected.append(axis.connected), close(axis))[1])
+    assert run("stop", person.bench) == 0
+    assert connected[0]
+    assert not any(connected[1:])
+
+
 # Two processes.
+
+
+def test_stop_reaches_every_bench_though_one_process_is_mute(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.3)
+    with person.running("move", person.bench, "--home", "--x-mm", 500) as holder:
+        person.wait_until(moving)
+        with ExitStack() as mute:
+            # One before and one behind the other in whatever order they are asked.
+            for name in ("0", "z"):
+                line = mute.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+                line.bind(str(person.runtime / f"{name}.sock"))
+                line.listen()
+            assert run("stop") == 3
+        text = capsys.readouterr().out
+        assert text.count("STOP: NOT CONFIRMED") == 2
+        assert text.count("does not answer") == 2
+        assert f"{person.bench}: STOP: everything is at rest" in text
+        holder.communicate(timeout=SOON_S)
+    assert holder.returncode == 3
+
+
+def test_a_mute_process_with_a_full_queue_is_no_absent_one(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.05)
+    monkeypatch.setattr("rig.runtime.line._AGAIN_S", 0.005)
+    person.runtime.mkdir(mode=0o700, exist_ok=True)
+    with ExitStack() as sockets:
+        mute, *waiting = (sockets.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) for _ in range(4))
+        mute.bind(str(person.runtime / "mute.sock"))
+        mute.listen(0)
+        for line in waiting:
+            line.setblocking(False)
+            with suppress(BlockingIOError):
+                line.connect(str(person.runtime / "mute.sock"))
+        assert run("stop", "--json") == 3
+    told = json.loads(capsys.readouterr().out)
+    assert (told["sent"], told["confirmed"]) == (False, False)
+    assert "does not answer" in told["trouble"]
 
 
 @pytest.mark.parametrize("named", [True, False], ids=["by its bench file", "whatever is held"])

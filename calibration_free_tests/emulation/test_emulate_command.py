@@ -27,7 +27,7 @@ def home(tmp_path: Path) -> dict[str, str]:
     """An environment with a runtime folder of its own."""
     runtime = tmp_path / "runtime"
     runtime.mkdir(mode=0o700)
-    return {**os.environ, "XDG_RUNTIME_DIR": str(runtime)}
+    return {**os.environ, "RIG_RUNTIME_DIR": str(runtime)}
 
 
 @pytest.fixture

@@ -14,9 +14,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from calibration_free_tests.guard.sample import RULES, START, TRAVEL, bench
 from rig.errors import RigError
 from rig.guard import TABLE, State
-from rig.guard.rules import AXES
 from rig.guard.states import ACTIVITIES, IN_MOTION
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 
 LONGEST_COMMAND_S = 60.0
 

@@ -16,8 +16,7 @@ from calibration_free_tests.rigs.conformance import RigConformance
 from rig.devices import Motion
 from rig.errors import HardwareError, UnreachableError
 from rig.guard import BusyError, HeldError, RefusedError, State, table_markdown
-from rig.guard.rules import AXES
-from rig.hal import Rig, RigPose
+from rig.hal import AXES, Rig, RigPose
 
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
 FREE = replace(RULES, keep_out=())
@@ -362,6 +361,34 @@ def test_one_command_runs_at_a_time_and_a_second_is_told_which() -> None:
     in_a_moment(made, others)
     guard.move_to(ELSEWHERE)
     assert len(refused) == len(asks)
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.UNHOMED, State.HELD, State.ALARM])
+def test_a_camera_that_was_lost_is_connected_again_by_itself(state: State, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = bench() if state is State.UNHOMED else homed()
+    if state is State.UNHOMED:
+        made.guard.connect()
+    made.camera.unplug()
+    if state is State.IDLE:
+        with pytest.raises(HardwareError, match=r"camera: .*then connect again"):
+            made.guard.capture()
+    if state is State.HELD:
+        made.guard.hold()
+    if state is State.ALARM:
+        made.gantry.raise_alarm(2)
+        made.guard.status()
+    assert made.guard.state is state
+    with pytest.raises(HardwareError, match=r"camera: .*no such port"):
+        made.guard.connect()
+    made.camera.replug()
+    known, motions = made.guard.glance().pose, len(made.motions)
+    for device in (made.gantry, made.pan, made.zoom):
+        for touch in ("connect", "close", "stop"):
+            monkeypatch.setattr(device, touch, lambda: pytest.fail("only the camera is to be touched"))
+    assert made.guard.connect()["camera"].kind == "simulated camera"
+    assert (made.guard.state, made.guard.glance().pose, len(made.motions)) == (state, known, motions)
+    if state is State.IDLE:
+        assert made.guard.capture().rig_pose == known
 
 
 # Faults.

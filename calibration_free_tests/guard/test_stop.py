@@ -19,10 +19,10 @@ from calibration_free_tests.guard.test_guard import in_a_moment
 from drivers import combined
 from drivers.combined import in_threads
 from rig.clock import SystemClock
-from rig.devices import StopReport
-from rig.errors import HardwareError, InputError, RigError
+from rig.devices import Identity, StopReport
+from rig.errors import HardwareError, RigError
 from rig.guard import BusyError, Guard, RefusedError, State, StoppedError
-from rig.runtime import Attendance, FileLatch, ask, runtime_folder
+from rig.runtime import Attendance, FileLatch, ask
 
 SOON_S = 5.0
 """Real seconds after which a thread that should have come back has not."""
@@ -325,6 +325,55 @@ def test_another_process_stops_asks_and_releases_through_the_line(tmp_path: Path
     assert attendance.ask("stop") is None
 
 
+def test_a_stop_from_another_process_reaches_one_that_is_still_connecting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attendance, made = attended(tmp_path)
+    connect, told = made.camera.connect, []
+
+    def stopped_meanwhile() -> Identity:
+        told.append((attendance.ask("status") or {}).get("running"))
+        told.append((attendance.ask("stop", by="a person") or {}).get("confirmed"))
+        told.append(made.gantry.stops)
+        return connect()
+
+    monkeypatch.setattr(made.camera, "connect", stopped_meanwhile)
+    with made.guard:
+        assert told == ["connecting", True, 1]
+        # What was not connected yet when the STOP came is stopped once it is.
+        assert made.pan.stops == made.gantry.stops == 2
+        assert made.guard.state is State.STOPPED
+        with pytest.raises(StoppedError, match="a person"):
+            made.guard.home()
+        assert made.motions == []
+        assert made.guard.release() is State.UNHOMED
+
+
+def test_connecting_that_fails_for_a_stop_says_so_and_leaves_the_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attendance, made = attended(tmp_path)
+
+    def fail() -> Identity:
+        attendance.ask("stop", by="a person")
+        raise HardwareError("reset while it was asked who it is")
+
+    monkeypatch.setattr(made.camera, "connect", fail)
+    with pytest.raises(StoppedError, match=r"stopped by STOP .a person"):
+        made.guard.connect()
+    assert attendance.ask("status") is None
+    assert not any(device.connected for device in made.devices)
+    assert attendance.latch.note().startswith("a person")
+
+
+def test_connecting_to_a_stopped_bench_sends_no_further_stop(tmp_path: Path) -> None:
+    attendance, made = attended(tmp_path)
+    attendance.latch.set("another process")
+    with made.guard:
+        assert made.guard.state is State.STOPPED
+        assert made.gantry.stops == made.pan.stops == 0
+
+
 def test_nonsense_on_the_line_does_not_keep_a_stop_away(tmp_path: Path) -> None:
     import socket
 
@@ -406,20 +455,3 @@ def test_the_socket_of_a_killed_process_is_taken_away_and_that_of_a_living_one_i
             second.guard.__enter__()
         assert not any(device.connected for device in second.devices)
         assert first.guard.state is State.UNHOMED
-
-
-@pytest.mark.parametrize("spoiled", ["others may write", "a file"])
-def test_a_runtime_folder_that_is_not_private_is_refused(
-    spoiled: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    folder = runtime_folder()
-    assert folder == tmp_path / "rig"
-    assert folder.stat().st_mode & 0o777 == 0o700
-    if spoiled == "a file":
-        folder.rmdir()
-        folder.touch()
-    else:
-        folder.chmod(0o777)
-    with pytest.raises(InputError, match="XDG_RUNTIME_DIR"):
-        runtime_folder()

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from calibration_free_tests.guard.sample import MODEL, RULES, START, TRAVEL
 from rig.errors import UnreachableError
 from rig.guard import Box, Offers, Rules
-from rig.guard.rules import AXES
 from rig.guard.ways import Play, arrived, legs, offers, plan, preflight, refuse_inside, refuse_outside, refuse_way
 from rig.guard.ways import seconds as travel_s
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 
 ONE_SIDED = {"x_mm": 2.0, "theta_deg": -1.0}
 TAUT = replace(RULES, overshoot=ONE_SIDED)

@@ -6,6 +6,7 @@ import importlib.util
 import os
 import pty
 import signal
+import subprocess
 import sys
 import threading
 from importlib.machinery import ModuleSpec
@@ -21,6 +22,8 @@ from rig.cli import main
 from rig.guard import State
 from rig.imagegrid import read_grid
 from rig.jog.leaving import INTERRUPTED, leaves_in_order
+
+ROOT = Path(__file__).parents[2]
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -70,6 +73,19 @@ def test_a_screen_that_leaves_when_asked_is_not_forced(number: int) -> None:
         assert leave.wait(5.0)
     assert forced == []
     assert signal.getsignal(number) is before
+
+
+def test_a_second_signal_in_the_midst_of_the_first_gets_nothing_stuck() -> None:
+    program = (
+        "import signal\nfrom calibration_free_tests.signals import at_every_line\n"
+        "from rig.jog.leaving import leaves_in_order\n"
+        "print(at_every_line(lambda: leaves_in_order(lambda: None), signal.SIGTERM))"
+    )
+    command = [sys.executable, "-c", program]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=30.0)
+    assert child.returncode == 0, child.stderr
+    assert int(child.stdout) > 0
 
 
 def test_where_the_screen_hangs_the_bench_is_held_and_closed_all_the_same(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from calibration_free_tests.guard.sample import RULES
 from calibration_free_tests.jog.bench import PLACE, eventually, session
+from rig.devices import StopReport
 from rig.errors import ImageGridError, InputError
 from rig.guard import State
 from rig.hal import Image, RigPose
@@ -205,6 +206,42 @@ def test_a_fault_is_shown_and_the_way_back_is_by_hand(tmp_path: Path) -> None:
             act()
             s.rest()
         assert s.pose.x_mm == pytest.approx(100.0)
+
+
+def test_a_stop_that_fails_is_told_and_the_next_one_is_carried_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with session(tmp_path) as s:
+        stop, failures = s.made.guard.stop, iter([OSError("anything")])
+
+        def first_fails(by: str = "") -> StopReport:
+            for failure in failures:
+                raise failure
+            return stop(by)
+
+        monkeypatch.setattr(s.made.guard, "stop", first_fails)
+        s.jogger.stop()
+        assert s.heard("internal error: OSError: anything")
+        assert s.told[-1][0] == "fault"
+        s.jogger.stop()
+        assert s.heard("STOP: everything is at rest")
+        assert s.state is State.STOPPED
+
+
+def test_a_camera_that_was_lost_is_connected_again_without_homing_anew(tmp_path: Path) -> None:
+    with session(tmp_path) as s:
+        s.made.camera.unplug()
+        s.jogger.capture()
+        s.rest()
+        assert s.told[-1][0] == "fault"
+        assert "then connect again" in s.told[-1][1]
+        s.made.camera.replug()
+        for act in (s.jogger.connect, s.jogger.capture):
+            act()
+            s.rest()
+        assert [kind for kind, _ in s.told[-2:]] == ["done", "done"]
+        assert s.jogger.pictures == 1
+        assert s.pose == PLACE
 
 
 def test_before_homing_a_step_is_refused_and_homing_helps(tmp_path: Path) -> None:

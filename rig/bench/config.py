@@ -14,6 +14,7 @@ from rig.bench.drivers import Device, devices_of
 from rig.bench.entries import Goal
 from rig.bench.live import LiveBenchFile
 from rig.bench.mock import BenchFile
+from rig.bench.port_place import place_of
 from rig.errors import InputError
 from rig.schema import BENCH_MAX_BYTES, Document, did_you_mean, load_yaml, validate
 
@@ -41,11 +42,20 @@ class BenchConfig:
 
     @property
     def key(self) -> str:
-        """Names a live bench in the runtime folder: the same for every bench file with the gantry on the same port."""
+        """Names a live bench: the same for every bench file that names the same port of the gantry."""
+        gantry, port = self.devices.get("gantry"), self._port
+        return _hashed(str(Path(self.name).resolve()) if gantry is None or port is None else f"{gantry.driver} {port}")
+
+    @property
+    def other_keys(self) -> tuple[str, ...]:
+        """Names the port by its place, for bench files that name it differently; none where it is not there."""
+        place = None if self._port is None else place_of(self._port)
+        return () if place is None else (_hashed(place),)
+
+    @property
+    def _port(self) -> str | None:
         gantry = self.devices.get("gantry")
-        port = None if gantry is None else getattr(gantry.settings, "port", None)
-        what = str(Path(self.name).resolve()) if gantry is None or port is None else f"{gantry.driver} {port}"
-        return hashlib.sha256(what.encode()).hexdigest()[:16]
+        return None if gantry is None else getattr(gantry.settings, "port", None)
 
     @property
     def mount(self) -> Mount:
@@ -82,6 +92,10 @@ class BenchConfig:
             narrow, wide = self.file.camera.view_angle_deg
             bounds = replace(bounds, view_angle_min_deg=narrow, view_angle_max_deg=wide)
         return bounds
+
+
+def _hashed(what: str) -> str:
+    return hashlib.sha256(what.encode()).hexdigest()[:16]
 
 
 def load_bench(path: Path) -> BenchConfig:

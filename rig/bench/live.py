@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from rig.bench.entries import CommonFile, NotNegative, Positive, Real, Scale, Squareness, Strict
 from rig.bench.placement import AxisPlacement
 from rig.guard import Box, Offers, Rules, Tolerance
-from rig.hal import AxisLimits, RigLimits
+from rig.hal import AXES, AxisLimits, RigLimits
 from rig.schema_words import ELSEWHERE
 
 Sign = Annotated[Literal[1, -1], Field(description="-1: counts against the rig frame's direction.")]
@@ -249,7 +249,7 @@ class LiveBenchFile(CommonFile):
     def rules(self) -> Rules:
         """What the guard demands."""
         safety, views = self.safety, self.views
-        named = {name: getattr(self.axes, name) for name in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")}
+        named = {name: getattr(self.axes, name) for name in AXES}
         return Rules(
             travel=self.travel,
             keep_out=tuple(entry.box(safety.margin_mm) for entry in safety.keep_out),

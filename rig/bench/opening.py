@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivers.combined import NAMES, CombinedRig
+from drivers.combined import NAMES, CombinedRig, in_threads
 from rig.bench.config import BenchConfig
 from rig.bench.drivers import Maker, make_devices
 from rig.bench.live import LiveBenchFile
 from rig.bench.mock import BenchFile, open_mock
 from rig.clock import SystemClock
-from rig.devices import Clock, StopReport
+from rig.devices import Clock, LiveAxis, StopReport
 from rig.errors import HardwareError, InputError
 from rig.guard import Guard
 from rig.runtime import Attendance, runtime_folder
@@ -84,7 +86,7 @@ def open_live(
     gantry, axes, camera = make_devices(config.devices, clock, make)
     by_axis = {axis: axes[role] for axis, role in NAMES.items() if role in axes}
     rig = CombinedRig(gantry, by_axis, camera, file.axes.placement, clock, **others)
-    attendance = Attendance(runtime or runtime_folder(), config.key, config.name)
+    attendance = attendance_of(config, runtime)
     return Guard(
         rig,
         file.rules,
@@ -95,31 +97,45 @@ def open_live(
     )
 
 
-def attendance_of(config: BenchConfig) -> Attendance:
-    """Where processes that use a live bench meet.
+def attendance_of(config: BenchConfig, runtime: Path | None = None) -> Attendance:
+    """Where processes that use a live bench meet, in another folder than `rig.runtime.runtime_folder` if so told.
 
     Raises:
         InputError: it is a mock bench, or the runtime folder cannot be used.
     """
     _live(config)
-    return Attendance(runtime_folder(), config.key, config.name)
+    return Attendance(runtime or runtime_folder(), config.key, config.name, also=config.other_keys)
 
 
 def stop_directly(config: BenchConfig, by: str) -> StopReport:
     """STOP a live bench that no process holds, and latch it. Devices that cannot be reached are told in the report."""
-    clock = SystemClock()
+    file, clock = _live(config), SystemClock()
     gantry, axes, camera = make_devices(config.devices, clock)
+    by_axis = {axis: axes[role] for axis, role in NAMES.items() if role in axes}
+    # A gantry's driver opens its port for a STOP; a servo must be known before it can be told anything, which may take
+    # long. So that is part of its own STOP, and nobody else waits for it.
+    reach = {NAMES[axis]: partial(_connect_and_stop, device) for axis, device in by_axis.items()}
     rig = CombinedRig(
-        gantry, {a: axes[r] for a, r in NAMES.items() if r in axes}, camera, _live(config).axes.placement, clock
+        gantry, by_axis, camera, file.axes.placement, clock, stops=lambda stops: in_threads({**stops, **reach})
     )
-    # A gantry's driver opens its port for a STOP; a servo must be known before it can be told anything.
-    for axis in axes.values():
-        with suppress(HardwareError):
-            axis.connect()
-    report = Guard(rig, _live(config).rules, clock, latch=attendance_of(config).latch).stop(by)
+    report = Guard(rig, file.rules, clock, latch=attendance_of(config).latch).stop(by)
     with suppress(HardwareError):
-        rig.close()
+        gantry.close()
     return report
+
+
+def _connect_and_stop(axis: LiveAxis) -> StopReport:
+    unreached = ""
+    try:
+        axis.connect()
+    except HardwareError as error:
+        unreached = str(error)
+    report = axis.stop()
+    with suppress(HardwareError):
+        axis.close()
+    if report.confirmed or not unreached:
+        return report
+    return replace(report, trouble="; ".join(filter(None, (report.trouble, unreached))))
 
 
 def _live(config: BenchConfig) -> LiveBenchFile:

@@ -25,6 +25,7 @@ from rig.cli import (
     runs,
     scanning,
     simulating,
+    stopping,
 )
 from rig.errors import RigError
 
@@ -96,6 +97,7 @@ def rig(
 for _module in (
     recognising,
     benching,
+    stopping,
     jogging,
     scanning,
     aligning,

@@ -1,28 +1,27 @@
-"""Commands on a live bench by hand: home, move, status, stop and capture."""
+"""Commands on a live bench by hand: home, move, status and capture."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli.help import example
 from rig.cli.homing import HomeFirst
+from rig.cli.showing import Json, pose_words, print_json, show, tell
 
 if TYPE_CHECKING:
     from rig.bench import BenchConfig
     from rig.guard import Guard
     from rig.hal import RigPose
 
-DONE, HARDWARE_FAULT, INTERRUPTED = 0, 3, 130
+INTERRUPTED = 130
 WATCH_S = 0.5
 
 Bench = Annotated[Path, typer.Argument(metavar="BENCH", help="The bench file of a live bench.", show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 X = Annotated[float | None, typer.Option("--x-mm", help="Rig frame. [default: stay]", show_default=False)]
 Y = Annotated[float | None, typer.Option("--y-mm", help="Rig frame. [default: stay]", show_default=False)]
 Z = Annotated[float | None, typer.Option("--z-mm", help="Rig frame. [default: stay]", show_default=False)]
@@ -37,7 +36,6 @@ def register(app: typer.Typer) -> None:
         move
     )
     app.command(epilog=example("rig status bench.yaml --watch", "rig status bench.yaml --json"))(status)
-    app.command(epilog=example("rig stop", "rig stop bench.yaml", "rig stop bench.yaml --release"))(stop)
     app.command(epilog=example("rig capture bench.yaml --out grids/by-hand --home --x-mm 100"))(capture)
 
 
@@ -52,7 +50,7 @@ def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):
             if value is not None:
                 guard.reference(axis, value)
-        _tell(guard, as_json)
+        tell(guard, as_json)
         _end(asked)
 
 
@@ -78,7 +76,7 @@ def move(
                 guard.jog(**{f"d{axis}": value for axis, value in told.items()})
             else:
                 guard.move_to(_changed(guard.pose, told))
-        _tell(guard, as_json)
+        tell(guard, as_json)
         _end(asked)
 
 
@@ -97,48 +95,13 @@ def status(
     with ends_gently(silent=True) if watch else nullcontext(lambda: True) as ended:
         if (told := attendance.ask("status")) is not None:
             while told is not None:
-                _show(told, as_json)
+                show(told, as_json)
                 told = None if _waited(ended) else attendance.ask("status")
             return
         with _open(config) as guard:
-            _tell(guard, as_json)
+            tell(guard, as_json)
             while not _waited(ended):
-                _tell(guard, as_json)
-
-
-def stop(
-    bench: Annotated[
-        Path | None, typer.Argument(metavar="BENCH", help="Left out: all benches that processes of yours hold.")
-    ] = None,
-    release: Annotated[
-        bool, typer.Option("--release", help="Undo a STOP instead, once it is safe to move again.")
-    ] = False,
-    as_json: Json = False,
-) -> None:
-    """STOP a bench, whichever process holds it. It stays stopped until it is released with --release.
-
-    Exit code 3 if it is not confirmed that everything is at rest: use the wired emergency stop then.
-    """
-    from rig.errors import InputError
-
-    if release and bench is None:
-        raise InputError("which bench is to be released?", where="BENCH", remedy="Name its bench file")
-    if bench is None:
-        reports = _stop_all()
-    elif release:
-        _release(bench, as_json)
-        return
-    else:
-        reports = [_stop(bench)]
-    for report in reports:
-        if as_json:
-            _print_json(report)
-        else:
-            certain = "everything is at rest" if report["confirmed"] else "NOT CONFIRMED"
-            typer.echo(f"{report['bench']}: STOP: {certain}")
-            for line in filter(None, (report["trouble"], "" if report["position_kept"] else "it must be homed again")):
-                typer.echo(f"  {line}")
-    raise typer.Exit(DONE if all(report["confirmed"] for report in reports) else HARDWARE_FAULT)
+                tell(guard, as_json)
 
 
 def capture(
@@ -153,6 +116,8 @@ def capture(
     as_json: Json = False,
 ) -> None:
     """Take a picture, at a pose or where the rig stands, and keep it in an image grid with its pose."""
+    from dataclasses import asdict
+
     from rig.jog.keeping import HandGrid
 
     wish = {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "theta_deg": theta_deg, "zoom": zoom}
@@ -171,9 +136,9 @@ def capture(
         frame = guard.capture()
         kept = grid.add(frame)
         if as_json:
-            _print_json({"file": str(out / kept.file), "pose": _pose(frame.rig_pose), "sha256": kept.sha256})
+            print_json({"file": str(out / kept.file), "pose": asdict(frame.rig_pose), "sha256": kept.sha256})
         else:
-            typer.echo(f"{out / kept.file}: {_pose_words(frame.rig_pose)}")
+            typer.echo(f"{out / kept.file}: {pose_words(frame.rig_pose)}")
         _end(asked)
 
 
@@ -223,103 +188,3 @@ def _waited(ended: Callable[[], bool]) -> bool:
     while not ended() and time.monotonic() < until_s:
         time.sleep(0.05)
     return ended()
-
-
-def _stop_all() -> list[dict[str, Any]]:
-    import os
-
-    from rig.errors import InputError
-    from rig.runtime import ask, held_benches, runtime_folder
-
-    answers = [ask(path, "stop", by=f"`rig stop`, process {os.getpid()}") for path in held_benches(runtime_folder())]
-    found = [answer for answer in answers if answer is not None]
-    if not found:
-        raise InputError("no process of yours holds a bench", where="BENCH", remedy="Name the bench file to stop it")
-    return found
-
-
-def _stop(bench: Path) -> dict[str, Any]:
-    import os
-
-    from rig.bench import attendance_of, load_bench, stop_directly
-    from rig.runtime import stop_object
-
-    config = load_bench(bench)
-    by = f"`rig stop`, process {os.getpid()}"
-    answer = attendance_of(config).ask("stop", by=by)
-    return answer if answer is not None else {"bench": config.name, **stop_object(stop_directly(config, by))}
-
-
-def _release(bench: Path, as_json: bool) -> None:
-    from rig.bench import attendance_of, load_bench
-
-    attendance = attendance_of(load_bench(bench))
-    answer = attendance.ask("release")
-    if answer is None:
-        was = attendance.latch.note()
-        attendance.latch.clear()
-        answer = {"bench": str(bench), "released": was}
-    if as_json:
-        _print_json(answer)
-    else:
-        typer.echo(f"{bench}: STOP is released")
-
-
-def _tell(guard: Guard, as_json: bool) -> None:
-    from rig.runtime import status_object
-
-    names = {name: f"{who.kind} {who.version} at {who.where}" for name, who in guard.identities.items()}
-    _show(status_object(guard.status()) | {"identities": names}, as_json)
-
-
-def _show(told: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        _print_json(told)
-        return
-    from rig.table import plain
-
-    held = f" (process {told['pid']} holds it)" if "pid" in told else ""
-    running = f": {told['running']}" if told["running"] else ""
-    lines = [f"state   {told['state']}{running}{held}"]
-    where = "not known" if told["pose"] is None else _words(told["pose"])
-    lines.append(f"pose    {where}" + (f" (stale: {told['age_s']:.1f} s old)" if told["stale"] else ""))
-    for name, device in told["devices"].items():
-        lines.append(f"{name:<7} {_device_words(device)}")
-    lines += [f"! {trouble}" for trouble in told["troubles"]]
-    for line in lines:
-        # What devices say may hold control characters.
-        typer.echo(plain(line))
-
-
-def _device_words(device: dict[str, Any]) -> str:
-    words = [device["motion"]]
-    if "homed" in device:
-        words.append("homed" if device["homed"] else "not homed")
-        words += [f"ALARM:{device['alarm']}"] if device["alarm"] is not None else []
-    else:
-        words.append("referenced" if device["referenced"] else "not referenced")
-        words.append("torque on" if device["torque"] else "torque off")
-    units = (("temperature_c", "{:.0f} °C"), ("voltage_v", "{:.1f} V"), ("load", "load {:.0%}"))
-    words += [form.format(device[key]) for key, form in units if device.get(key) is not None]
-    return ", ".join(words)
-
-
-def _pose(pose: RigPose) -> dict[str, float]:
-    from dataclasses import asdict
-
-    return asdict(pose)
-
-
-def _pose_words(pose: RigPose) -> str:
-    return _words(_pose(pose))
-
-
-def _words(pose: dict[str, float]) -> str:
-    x, y, z, theta, zoom = (pose[axis] for axis in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom"))
-    return f"x {x:.3f}  y {y:.3f}  z {z:.3f} mm  theta {theta:.3f}°  zoom {zoom:.3f}"
-
-
-def _print_json(value: dict[str, Any]) -> None:
-    import json
-
-    print(json.dumps(value, ensure_ascii=False, allow_nan=False), file=sys.stdout, flush=True)

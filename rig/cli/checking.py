@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.help import example
+from rig.cli.showing import print_json
 
 if TYPE_CHECKING:
     from rig.doctor import Finding
@@ -65,7 +65,7 @@ def _examine(bench: Path, out_folder: Path, as_json: bool) -> None:
     counts = {word: sum(finding.ok.value == word for finding in found) for word in _COLOURS}
     if as_json:
         lines = [_object(finding) for finding in found]
-        _print_json({"bench": str(bench), "healthy": healthy(found), "counts": counts, "findings": lines})
+        print_json({"bench": str(bench), "healthy": healthy(found), "counts": counts, "findings": lines})
     else:
         typer.echo(", ".join(f"{count} {word}" for word, count in counts.items() if count))
     raise typer.Exit(DONE if healthy(found) else HARDWARE_FAULT)
@@ -106,7 +106,7 @@ def _discover(out: Path | None, as_json: bool) -> None:
         typer.echo("opening each serial port, which restarts some boards; nothing is moved", err=True)
     found = discover(this_computer())
     if as_json:
-        _print_json(found_object(found))
+        print_json(found_object(found))
     else:
         _tell(found_object(found))
     if out is None:
@@ -131,9 +131,3 @@ def _tell(found: dict[str, Any]) -> None:
         typer.echo("port    none")
     if not found["cameras"]:
         typer.echo("camera  none")
-
-
-def _print_json(value: dict[str, Any]) -> None:
-    import json
-
-    print(json.dumps(value, ensure_ascii=False, allow_nan=False), file=sys.stdout, flush=True)

@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from types import FrameType
 from typing import Protocol, runtime_checkable
@@ -42,27 +42,33 @@ def ends_gently(rig: object = None, *, silent: bool = False, saying: str | None 
         if halts
         else "finishing this view; press Ctrl-C again to stop at once"
     )
-    asked = threading.Event()
-    # A signal may come while the main thread holds any lock: another thread, begun before, does what it asks for.
+    asked = False
+    # A signal may come while the main thread holds any lock: another thread, begun before, does what it asks for. Nor
+    # may the handler take one, for the next signal interrupts it: only `SimpleQueue.put` is safe then.
     wishes: SimpleQueue[str] = SimpleQueue()
 
     def ask(number: int, frame: FrameType | None) -> None:
-        if asked.is_set():
-            wishes.put("stop")
+        nonlocal asked
+        again, asked = asked, True
+        wishes.put("stop" if again else "hold")
+        if again:
             raise KeyboardInterrupt
-        asked.set()
-        wishes.put("hold")
         if not silent:
-            print(answered, file=sys.stderr, flush=True)
+            # Where the main thread is just writing there nothing can be told.
+            with suppress(RuntimeError):
+                print(answered, file=sys.stderr, flush=True)
+
+    def was_asked() -> bool:
+        return asked
 
     if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set
+        yield was_asked
         return
     helper = threading.Thread(target=_follow, args=(wishes, halts), name="Ctrl-C", daemon=True)
     helper.start()
     before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield asked.is_set
+        yield was_asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -75,7 +81,16 @@ def _follow(wishes: SimpleQueue[str], rig: Halts | None) -> None:
         if rig is None:
             continue
         if wish == "stop":
-            rig.stop("Ctrl-C twice")
+            _tried("STOP", lambda: rig.stop("Ctrl-C twice"))
         else:
             # In a thread of its own, so that a hold that takes long does not delay a STOP.
-            threading.Thread(target=rig.hold, name="hold", daemon=True).start()
+            _tried("hold", threading.Thread(target=_tried, args=("hold", rig.hold), name="hold", daemon=True).start)
+
+
+def _tried(what: str, action: Callable[[], object]) -> None:
+    """Whatever goes wrong, the next Ctrl-C must find somebody who follows."""
+    try:
+        action()
+    except Exception as error:
+        told = f"{what} failed: {type(error).__name__}: {error}. Use the wired emergency stop. This is a bug: report it"
+        print(told, file=sys.stderr, flush=True)

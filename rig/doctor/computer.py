@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rig.bench import BenchConfig
+from rig.bench import BenchConfig, attendance_of
 from rig.doctor.finding import Finding, failed, not_tested, passed, raised, warned
 from rig.doctor.surroundings import DiskLook, Surroundings
 from rig.errors import InputError, RigError
-from rig.runtime import Attendance
 
 _LEAST_BYTES, _FEW_BYTES = 0.5e9, 5e9
 _SLOWEST_BYTES_PER_S = 10e6
@@ -52,7 +51,7 @@ def check_runtime(config: BenchConfig, world: Surroundings) -> tuple[list[Findin
         folder = world.runtime()
     except InputError as error:
         return [raised("runtime", "folder", error), *not_tested("runtime", _RUNTIME_LINES, "runtime: folder")], False
-    attendance = Attendance(folder, config.key, config.name)
+    attendance = attendance_of(config, folder)
     found = [passed("runtime", "folder", str(folder))]
     note = attendance.latch.note()
     if note:

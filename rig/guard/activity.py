@@ -11,7 +11,8 @@ from rig.devices import Clock
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.breaking import broken_off
 from rig.guard.errors import HeldError, StoppedError
-from rig.guard.states import Event, Machine, State
+from rig.guard.machine import Machine
+from rig.guard.states import Event, State
 from rig.guard.watch import Watch
 
 ONLY_IDLE = (State.IDLE,)

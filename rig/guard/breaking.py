@@ -11,7 +11,7 @@ from dataclasses import replace
 from drivers.combined import CombinedRig
 from rig.devices import StopReport
 from rig.guard.errors import HeldError, StoppedError
-from rig.guard.states import Machine
+from rig.guard.machine import Machine
 
 _AGAIN_S, _TIMES = 0.1, 20
 

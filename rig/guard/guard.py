@@ -7,8 +7,8 @@ thread at any time: they wait for nothing that a command holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -16,13 +16,15 @@ from drivers.combined import CombinedRig
 from rig.devices import Clock, Identity, Motion, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.activity import HOMED_OR_NOT, Activities
-from rig.guard.breaking import halt_until_ended, stop_until_ended
 from rig.guard.errors import RefusedError
-from rig.guard.rules import AXES, LINEAR, Rules
-from rig.guard.states import Event, Machine, State
+from rig.guard.link import Companion, Link
+from rig.guard.machine import Machine
+from rig.guard.rules import LINEAR, Rules
+from rig.guard.states import Event, State
+from rig.guard.stopping import Stopping
 from rig.guard.watch import GuardStatus, HomingMemory, Seen, StopLatch, Watch
 from rig.guard.ways import Play, arrived, offers, plan, preflight, refuse_inside, refuse_outside, refuse_way, seconds
-from rig.hal import Frame, RigLimits, RigPose
+from rig.hal import AXES, Frame, RigLimits, RigPose
 
 
 class Guard:
@@ -34,8 +36,8 @@ class Guard:
         clock: the same that the devices have.
         memory: keeps over the end of a process where the gantry was left homed.
         latch: keeps a STOP over the end of a process.
-        company: contexts that are entered once connected and left before the devices are closed, e.g. who listens
-            for a STOP from other processes.
+        company: contexts that are entered before the devices are connected and left before they are closed, e.g. who
+            listens for a STOP from other processes.
         seen: is told every transition of the state.
     """
 
@@ -47,14 +49,15 @@ class Guard:
         *,
         memory: HomingMemory | None = None,
         latch: StopLatch | None = None,
-        company: Sequence[Callable[[Guard], AbstractContextManager[object]]] = (),
+        company: Sequence[Companion] = (),
         seen: Seen = lambda source, event, target: None,
     ) -> None:
-        self._rig, self.rules, self.clock, self._latch = rig, rules, clock, latch
+        self._rig, self.rules, self.clock = rig, rules, clock
         self._machine = Machine(seen)
         self._watch = Watch(rig, rules, clock, self._machine, memory, latch)
         self._activities = Activities(rig, self._machine, self._watch, clock)
-        self._company, self._companions = tuple(company), ExitStack()
+        self._link = Link(rig, self._machine, self._watch, latch, company)
+        self._stopping = Stopping(rig, self._machine, self._watch, latch)
         self._sequence = 0
 
     # What is known.
@@ -142,24 +145,13 @@ class Guard:
     def connect(self) -> dict[str, Identity]:
         """Connect all devices. Nothing moves, nothing is unlocked, and no torque is enabled.
 
+        Where they are connected already only the camera is, anew: a lost one costs neither homing nor torque.
+
         Raises:
             HardwareError: lists every device that cannot be connected.
-            RefusedError: connected already, or stopped.
+            StoppedError, RefusedError: not now.
         """
-        with self._machine.alone("connecting"):
-            self._machine.refuse(Event.CONNECT)
-            # What is left of a link that has failed need not close well.
-            with suppress(HardwareError):
-                self._disconnect()
-            status = self._watch.connect()
-            note = "" if self._latch is None else self._latch.note()
-            if note:
-                self._machine.latch_stop(note)
-                self._machine.note_stop()
-            else:
-                self._machine.go(Event.CONNECT, self._watch.found(status))
-            for companion in self._company:
-                self._companions.enter_context(companion(self))
+        self._link.connect(self)
         return self.identities
 
     def home(self) -> RigPose | None:
@@ -293,13 +285,7 @@ class Guard:
         """
         if self.running:
             self.hold()
-        with self._machine.alone("closing"):
-            try:
-                self._watch.remember()
-                self._disconnect()
-            finally:
-                if self.state not in (State.DISCONNECTED, State.STOPPED):
-                    self._machine.go(Event.CLOSE, State.DISCONNECTED)
+        self._link.close()
 
     def __enter__(self) -> Guard:
         if self._watch.connected:
@@ -320,24 +306,14 @@ class Guard:
 
     def stop(self, by: str = "by hand") -> StopReport:
         """STOP: everything at rest, and nothing moves before `release`. Never raises; says what is not certain."""
-        self._machine.latch_stop(by)
-        report = stop_until_ended(self._rig, self._machine)
-        self._machine.note_stop()
-        if not report.position_kept:
-            self._watch.homed = False
-        troubles = [report.trouble, "" if self._latch is None else self._latch.set(by)]
-        if not report.confirmed:
-            troubles.append("it is not certain that everything is at rest: look, and switch the power off if it is not")
-        self._watch.stop = replace(report, trouble="; ".join(filter(None, troubles)))
-        return self._watch.stop
+        return self._stopping.stop(by)
 
     def hold(self) -> StopReport | None:
         """Stop motion, without latching STOP: a picture being taken is finished, and nothing moves until `resume`.
 
         Never raises; returns what stopping did, or ``None`` where nothing moved.
         """
-        self._machine.hold()
-        return halt_until_ended(self._rig, self._machine)
+        return self._stopping.hold()
 
     def resume(self) -> State:
         """Let motion be commanded again after a hold. What was held does not go on by itself.
@@ -355,14 +331,9 @@ class Guard:
 
         Raises:
             RefusedError: it is not stopped, or the stopped command has not ended yet.
+            StoppedError: another STOP came meanwhile; that one is latched.
         """
-        with self._machine.alone("releasing STOP"):
-            self._machine.refuse(Event.RELEASE)
-            self._watch.let_go()
-            found = self._watch.found(self._watch.ask()) if self._watch.connected else State.DISCONNECTED
-            if self._latch is not None:
-                self._latch.clear()
-            self._machine.release(found)
+        self._stopping.release()
         return self.state
 
     # Within.
@@ -381,13 +352,6 @@ class Guard:
             raise RefusedError("before homing only the gantry can be jogged. Home it first (`rig home`)")
         with self._activities.during(Event.JOG, State.JOGGING, HOMED_OR_NOT):
             self._rig.step_unplaced((step.x_mm, step.y_mm, step.z_mm))
-
-    def _disconnect(self) -> None:
-        self._watch.forget()
-        try:
-            self._companions.close()
-        finally:
-            self._rig.close()
 
 
 def _told(pose: RigPose) -> str:

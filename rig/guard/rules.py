@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from rig.hal import AxisLimits, RigLimits
+from rig.hal import AXES, AxisLimits, RigLimits
 
-AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
 LINEAR = AXES[:3]
 
 Homing = Literal["each_session", "remembered", "as_found"]

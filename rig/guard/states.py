@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import enum
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-
-from rig.guard.errors import BusyError, HeldError, RefusedError, StoppedError
 
 
 class State(enum.Enum):
@@ -82,6 +77,8 @@ TABLE: tuple[Transition, ...] = (
     Transition(_S.ALARM, _E.UNLOCK, _REST),
     Transition(_S.ALARM, _E.HOME, (_S.MOVING,)),
     Transition(_S.ALARM, _E.FIND, (_S.DISCONNECTED,)),
+    # Connecting what is connected opens the camera anew, and nothing else.
+    *(Transition(s, _E.CONNECT, (s,)) for s in (_S.IDLE, _S.UNHOMED, _S.HELD, _S.ALARM)),
     *(Transition(s, _E.HOLD, (_S.HELD,)) for s in (_S.IDLE, _S.UNHOMED, _S.MOVING, _S.JOGGING, _S.CAPTURING)),
     *(Transition(s, _E.CLOSE, (_S.DISCONNECTED,)) for s in (_S.IDLE, _S.UNHOMED, _S.HELD, _S.ALARM)),
     *(Transition(state, _E.STOP, (_S.STOPPED,)) for state in _BUT_STOPPED),
@@ -120,168 +117,3 @@ def table_markdown() -> str:
     lines += ["", "| from | by | to |", "|---|---|---|"]
     lines += [f"| {r.source.value} | {r.event.value} | {', '.join(t.value for t in r.targets)} |" for r in TABLE]
     return "\n".join(lines)
-
-
-@dataclass(frozen=True, slots=True)
-class Running:
-    """The command that is under way, and the thread that gave it."""
-
-    what: str
-    thread: int
-    yields: bool = False
-
-
-class Machine:
-    """The state that a rig is in, and the one command that may be under way.
-
-    The lock is held for a few assignments, never while a device is asked. `latch_stop` takes no lock at all: from
-    then on the state is STOPPED whatever else happens, until `release`.
-
-    Args:
-        seen: is told every transition.
-    """
-
-    def __init__(self, seen: Callable[[State, Event, State], None] = lambda source, event, target: None) -> None:
-        self._state = State.DISCONNECTED
-        self._lock = threading.Lock()
-        self._ended = threading.Condition(self._lock)
-        self._running: Running | None = None
-        self._stop_note = ""
-        self._hold_asked = False
-        self._seen = seen
-
-    @property
-    def state(self) -> State:
-        """The present state."""
-        return State.STOPPED if self._stop_note else self._state
-
-    @property
-    def running(self) -> str:
-        """The command that is under way; empty if none is."""
-        running = self._running
-        return "" if running is None else running.what
-
-    @property
-    def hold_asked(self) -> bool:
-        """A hold has been asked for, and not resumed."""
-        return self._hold_asked
-
-    @property
-    def stop_note(self) -> str:
-        """Who stopped it; empty unless STOP is latched."""
-        return self._stop_note
-
-    @contextmanager
-    def alone(self, what: str, *, yields: bool = False, wait_s: float = 5.0) -> Iterator[None]:
-        """Be the only command under way.
-
-        Args:
-            what: the command, for whoever is refused meanwhile.
-            yields: others may wait until it is over (it is short), instead of being refused.
-            wait_s: real time to wait for such a command at most.
-
-        Raises:
-            BusyError: another command is under way; tells which.
-        """
-        me = threading.get_ident()
-        with self._ended:
-            while (other := self._running) is not None:
-                # The thread that would have to end it cannot wait for it.
-                if not other.yields or other.thread == me or not self._ended.wait(wait_s):
-                    raise BusyError(f"the rig is busy: {other.what} is under way. Wait until it is done, or stop it")
-            self._running = Running(what, me, yields)
-        try:
-            yield
-        finally:
-            with self._ended:
-                self._running = None
-                self._ended.notify_all()
-
-    def refuse(self, event: Event) -> None:
-        """Raise unless an event may happen now.
-
-        Raises:
-            StoppedError: STOP is latched.
-            HeldError: motion is held.
-            RefusedError: the table has no such transition; tells the state and what to do.
-        """
-        if self._stop_note and event is not Event.RELEASE:
-            raise StoppedError(f"STOP is latched ({self._stop_note}). Release it by hand before anything moves")
-        state = self._state
-        if (state, event) in BY_CAUSE:
-            return
-        if state is State.HELD:
-            raise HeldError("motion is held. Resume it first")
-        remedy = REMEDIES.get(state)
-        because = f"{event.value} is not possible while {state.value} ({MEANINGS[state]})"
-        raise RefusedError(f"{because}. {remedy}" if remedy else because)
-
-    def go(self, event: Event, target: State) -> None:
-        """Change the state.
-
-        Raises:
-            StoppedError, HeldError, RefusedError: as `refuse`.
-        """
-        with self._lock:
-            self.refuse(event)
-            self._set(event, target)
-
-    def end(self, event: Event, target: State) -> None:
-        """End an activity; a STOP or a hold that came meanwhile goes before how it ended."""
-        with self._lock:
-            if self._stop_note:
-                self._set(Event.STOP, State.STOPPED)
-            elif self._hold_asked and target in (State.IDLE, State.UNHOMED):
-                self._set(Event.HOLD, State.HELD)
-            else:
-                self._set(event, target)
-
-    def find(self, target: State) -> None:
-        """What the devices' answers say, where that changes anything."""
-        with self._lock:
-            if not self._stop_note and target in BY_CAUSE.get((self._state, Event.FIND), ()):
-                self._set(Event.FIND, target)
-
-    def hold(self) -> None:
-        """Nothing moves from now on until it is resumed; an activity ends as held."""
-        with self._lock:
-            if self._stop_note or (self._state, Event.HOLD) not in BY_CAUSE:
-                return
-            self._hold_asked = True
-            if self._state not in ACTIVITIES:
-                self._set(Event.HOLD, State.HELD)
-
-    def latch_stop(self, note: str) -> None:
-        """STOPPED from now on. Takes no lock."""
-        self._stop_note = self._stop_note or note
-
-    def note_stop(self) -> None:
-        """Write the STOP into the state, where no activity will do so at its end."""
-        with self._lock:
-            if self._stop_note and self._state not in (*ACTIVITIES, State.STOPPED):
-                self._set(Event.STOP, State.STOPPED)
-
-    def release(self, target: State) -> None:
-        """Undo the latch, by hand."""
-        with self._lock:
-            self.refuse(Event.RELEASE)
-            self._stop_note = ""
-            self._set(Event.RELEASE, target)
-
-    def others_in_motion(self) -> bool:
-        """Another thread's command may still move something."""
-        running = self._running
-        return running is not None and running.thread != threading.get_ident() and self._state in IN_MOTION
-
-    def wait_for_end(self, seconds: float) -> bool:
-        """Wait, in real time, until no command is under way; False if one still is."""
-        with self._ended:
-            return self._ended.wait_for(lambda: self._running is None, seconds)
-
-    def _set(self, event: Event, target: State) -> None:
-        source = self._state
-        if target not in BY_CAUSE[source, event]:
-            raise RuntimeError(f"{event.value} never leads from {source.value} to {target.value}")
-        self._state = target
-        self._hold_asked = self._hold_asked and target in (State.HELD, *ACTIVITIES)
-        self._seen(source, event, target)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,10 +11,11 @@ from drivers.combined import CombinedRig, RigStatus
 from rig.devices import Clock, Identity, Motion, StopReport, Triple
 from rig.errors import HardwareError
 from rig.guard.errors import RefusedError
-from rig.guard.rules import AXES, Rules
-from rig.guard.states import Event, Machine, State
+from rig.guard.machine import Machine
+from rig.guard.rules import Rules
+from rig.guard.states import Event, State
 from rig.guard.ways import Play
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 
 _LOOKS, _LOOK_AGAIN_S = 3, 0.1
 
@@ -119,6 +121,20 @@ class Watch:
         self.homed = self._is_remembered(status)
         self.take(status)
         return status
+
+    def connect_camera(self) -> None:
+        """Close the camera and open it anew; nothing else is asked or told anything.
+
+        Raises:
+            HardwareError: it cannot be connected.
+        """
+        # What is left of a camera that has failed need not close well.
+        with suppress(HardwareError):
+            self._rig.camera.close()
+        try:
+            self.identities["camera"] = self._rig.camera.connect()
+        except HardwareError as error:
+            raise HardwareError(f"camera: {error}") from error
 
     def forget(self) -> None:
         """Nothing is known of where the rig stands."""

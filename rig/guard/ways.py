@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 from rig.errors import UnreachableError
-from rig.guard.rules import AXES, LINEAR, Box, Rules
-from rig.hal import AxisLimits, RigLimits, RigPose
+from rig.guard.rules import LINEAR, Box, Rules
+from rig.hal import AXES, AxisLimits, RigLimits, RigPose
 
 Point = tuple[float, float, float]
 _SAME = 1e-9

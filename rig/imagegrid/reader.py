@@ -13,14 +13,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from rig.errors import ImageGridError
-from rig.hal import Image, RigPose
+from rig.hal import AXES, Image, RigPose
 from rig.imagegrid.entry import INFO, MANIFEST, FrameEntry, GridFrame, GridInfo, pose_key
 from rig.imagegrid.images import load_image
 from rig.schema import BENCH_MAX_BYTES, Problem, did_you_mean, load_model, raise_problems
 from rig.schema_words import describe
 
 MAX_LINE_BYTES = 64 * 1024
-AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
 
 
 @dataclass(frozen=True)

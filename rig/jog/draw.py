@@ -8,8 +8,7 @@ from rich.text import Text
 
 from rig.devices import Clock
 from rig.guard import GuardStatus, State
-from rig.guard.rules import AXES
-from rig.hal import AxisLimits, RigLimits
+from rig.hal import AXES, AxisLimits, RigLimits
 from rig.jog.jogger import STEPS, Message
 from rig.jog.looking import Look
 from rig.jog.places import UNITS

@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 from rig.devices import Clock
@@ -59,8 +60,10 @@ class Jogger:
         self._messages: deque[Message] = deque(maxlen=_MESSAGES)
         self._steps = {"mm": 1.0, "°": 1.0, "": 0.1}
         self._worker = Worker(self._ask, idle_s)
-        self._stopper = Trigger("jog STOP", self._stop_now)
-        self._holder = Trigger("jog hold", self._hold_now)
+        self._stopper = Trigger(
+            "jog STOP", self._stop_now, partial(self._bug, "STOP: NOT CONFIRMED: use the wired emergency stop")
+        )
+        self._holder = Trigger("jog hold", self._hold_now, partial(self._bug, "hold"))
         self._held = False
 
     # What is known.
@@ -271,12 +274,15 @@ class Jogger:
             self.say("refused", f"{what}: {error}")
         except Exception as error:
             # Shown, and not raised: whoever stands at the bench must keep the screen with STOP on it.
-            self.say("fault", f"{what}: internal error: {type(error).__name__}: {error}. This is a bug: report it")
+            self._bug(what, error)
         else:
             if told:
                 self.say("done", told)
             return True
         return False
+
+    def _bug(self, what: str, error: Exception) -> None:
+        self.say("fault", f"{what}: internal error: {type(error).__name__}: {error}. This is a bug: report it")
 
     def _go(self, pose: RigPose) -> str:
         return f"at {shown(self._guard.move_to(pose))}"

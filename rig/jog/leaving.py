@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from queue import SimpleQueue
 
 INTERRUPTED = 130
 GRACE_S = 3.0
@@ -26,9 +27,12 @@ def leaves_in_order(
         end: ends the process then.
     """
     asked, left = threading.Event(), threading.Event()
+    # The next signal interrupts the handler of the first, which must therefore take no lock, as an event's `set` does.
+    wishes: SimpleQueue[None] = SimpleQueue()
 
     def watch() -> None:
-        asked.wait()
+        wishes.get()
+        asked.set()
         if not left.wait(grace_s):
             try:
                 force()
@@ -36,11 +40,11 @@ def leaves_in_order(
                 end(INTERRUPTED)
 
     threading.Thread(target=watch, name="jog leaving", daemon=True).start()
-    before = {number: signal.signal(number, lambda *_: asked.set()) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.signal(number, lambda *_: wishes.put(None)) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
         yield asked
     finally:
         left.set()
-        asked.set()
+        wishes.put(None)
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -11,8 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rig.errors import InputError, RigError
-from rig.guard.rules import AXES
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 
 LONGEST_NAME = 20
 _MOST, _MOST_BYTES = 200, 100_000

@@ -6,8 +6,7 @@ import math
 from dataclasses import replace
 
 from rig.errors import InputError
-from rig.guard.rules import AXES
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 
 SHORT = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "theta_deg": "theta", "zoom": "zoom"}
 UNITS = {"x_mm": "mm", "y_mm": "mm", "z_mm": "mm", "theta_deg": "°", "zoom": ""}

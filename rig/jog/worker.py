@@ -99,10 +99,15 @@ class Trigger:
     """A thread that waits to do one thing: made before it is needed, and never behind anything else.
 
     Pulls that come while it is being done have it done once more.
+
+    Args:
+        name: of the thread.
+        action: what to do.
+        failed: is told what the action has raised; the thread goes on, for the next pull must find it.
     """
 
-    def __init__(self, name: str, action: Callable[[], None]) -> None:
-        self._action = action
+    def __init__(self, name: str, action: Callable[[], None], failed: Callable[[Exception], None]) -> None:
+        self._action, self._failed = action, failed
         self._awake = threading.Event()
         self._wanted = self._closed = False
         self._thread = threading.Thread(target=self._follow, name=name, daemon=True)
@@ -125,6 +130,9 @@ class Trigger:
             self._awake.clear()
             if self._wanted:
                 self._wanted = False
-                self._action()
+                try:
+                    self._action()
+                except Exception as error:
+                    self._failed(error)
             if self._closed and not self._wanted:
                 return

@@ -16,7 +16,7 @@ import numpy as np
 from recognition.geometry import CameraPose
 from recognition.parts import DetectedPart
 from recognition.steps import Answer, BeliefSummary, HypothesisSummary, Move, Outcome, PartMatch, Step, StepSeconds
-from rig.hal import Frame, Image, RigPose
+from rig.hal import AXES, Frame, Image, RigPose
 
 Event = dict[str, Any]
 SCHEMA = 1
@@ -188,7 +188,7 @@ def describe_belief(belief: BeliefSummary) -> str:
 
 def rig_pose_of(data: Mapping[str, Any]) -> RigPose:
     """The rig pose in an event; raises as ``step_of`` does."""
-    return RigPose(*(float(data[axis]) for axis in ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")))
+    return RigPose(*(float(data[axis]) for axis in AXES))
 
 
 def _leader(leader: HypothesisSummary) -> Event:

@@ -1,6 +1,6 @@
 """What processes that use one live bench tell each other: who holds it, that it is stopped, that it is homed."""
 
-from rig.runtime.attendance import Attendance, held_benches
+from rig.runtime.attendance import Attendance, stop_held
 from rig.runtime.folder import runtime_folder
 from rig.runtime.homing import FileHomingMemory
 from rig.runtime.latch import FileLatch
@@ -12,9 +12,9 @@ __all__ = [
     "FileHomingMemory",
     "FileLatch",
     "ask",
-    "held_benches",
     "listening",
     "runtime_folder",
     "status_object",
+    "stop_held",
     "stop_object",
 ]

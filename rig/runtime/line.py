@@ -9,7 +9,7 @@ import socket
 import socketserver
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -42,31 +42,39 @@ class Attended(Protocol):
 
 
 @contextlib.contextmanager
-def listening(path: Path, bench: str, guard: Attended) -> Iterator[None]:
+def listening(paths: Sequence[Path], bench: str, guard: Attended) -> Iterator[None]:
     """Answer on a socket while inside, in threads of its own.
 
+    Args:
+        paths: of the socket, and of links to it.
+        bench: for people.
+        guard: what is asked for.
+
     Raises:
-        HardwareError: another process answers there.
+        HardwareError: another process answers at one of the paths.
         InputError: the socket cannot be made.
     """
-    _clear_stale(path)
-    try:
-        server = _Server(str(path), bench, guard)
-    except OSError as failure:
-        raise InputError(
-            f"the socket for STOP cannot be made ({failure.strerror or failure})",
-            where=str(path),
-            remedy="Set XDG_RUNTIME_DIR to a folder of your own, with a short path",
-        ) from failure
-    thread = threading.Thread(target=server.serve_forever, args=(0.05,), name="STOP line", daemon=True)
-    thread.start()
-    try:
+    path, *links = paths
+    for one in paths:
+        _clear_stale(one)
+    with contextlib.ExitStack() as made:
+        try:
+            server = made.enter_context(_Server(str(path), bench, guard))
+            made.callback(path.unlink, missing_ok=True)
+            for link in links:
+                link.symlink_to(path.name)
+                made.callback(link.unlink, missing_ok=True)
+        except OSError as failure:
+            raise InputError(
+                f"the socket for STOP cannot be made ({failure.strerror or failure})",
+                where=str(path),
+                remedy="Set RIG_RUNTIME_DIR to a folder of your own, with a short path",
+            ) from failure
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,), name="STOP line", daemon=True)
+        thread.start()
+        made.callback(thread.join)
+        made.callback(server.shutdown)
         yield
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-        path.unlink(missing_ok=True)
 
 
 def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
@@ -81,7 +89,7 @@ def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
         try:
             answer = _exchange(path, asked)
             break
-        except ConnectionError as failure:
+        except (ConnectionError, BlockingIOError) as failure:
             # It is just ending, or was killed: soon nobody is there, and who asks for a STOP must send it himself.
             hung_up = failure
             time.sleep(_AGAIN_S)
@@ -99,6 +107,9 @@ def _exchange(path: Path, asked: bytes) -> dict[str, Any] | None:
         line.settimeout(_ASK_S)
         try:
             line.connect(str(path))
+        except (BlockingIOError, TimeoutError):
+            # Somebody listens there, and has not taken up those who called before.
+            raise
         except OSError:
             return None
         line.settimeout(ANSWER_S)
@@ -172,14 +183,3 @@ def _clear_stale(path: Path) -> None:
             f"{holder['bench']}: process {holder['pid']} holds this bench. Wait until it is done, or stop it"
         )
     path.unlink(missing_ok=True)
-
-
-def ask_holder(path: Path) -> bool:
-    """Somebody listens there."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
-        line.settimeout(_ASK_S)
-        try:
-            line.connect(str(path))
-        except OSError:
-            return False
-    return True

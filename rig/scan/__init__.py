@@ -3,18 +3,17 @@
 A scan's folder *is* an image grid, with ``scan.yaml`` beside it (docs/formats.md): it can be put into a mock bench.
 """
 
-from rig.scan.order import OneSided, all_legs, legs, serpentine
+from rig.scan.order import OneSided, all_legs, serpentine
 from rig.scan.plan import ScanPlan, load_plan
 from rig.scan.preflight import Estimate, estimate, preflight, refuse_small_disk
 from rig.scan.record import ScanRecord, bench_digest, open_scan_folder
-from rig.scan.runner import Finish, FrameCheck, Scan, Target, numbered
+from rig.scan.runner import Finish, Scan, Target, numbered
 from rig.scan.store import BackgroundStore, FrameStore
 
 __all__ = [
     "BackgroundStore",
     "Estimate",
     "Finish",
-    "FrameCheck",
     "FrameStore",
     "OneSided",
     "Scan",
@@ -24,7 +23,6 @@ __all__ = [
     "all_legs",
     "bench_digest",
     "estimate",
-    "legs",
     "load_plan",
     "numbered",
     "open_scan_folder",

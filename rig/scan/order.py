@@ -6,10 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from rig.guard.ways import Play, arrived, legs
 from rig.hal import RigPose
-
-AXES = ("x_mm", "y_mm", "z_mm", "theta_deg", "zoom")
-_SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,27 +50,17 @@ def at_every_zoom(poses: Iterable[RigPose], zooms: Sequence[float], sides: Itera
     return [replace(pose, zoom=zoom) for n, pose in enumerate(poses) for zoom in (back if n % 2 else forth)]
 
 
-def legs(last: RigPose | None, target: RigPose, sides: Iterable[OneSided] = ()) -> list[RigPose]:
-    """The moves to a pose: straight there, or first past it on the axes that would arrive from the wrong side.
+def overshoot(sides: Iterable[OneSided]) -> dict[str, float]:
+    """How far past each value its axis goes first, as `rig.guard` tells it: positive where it arrives rising."""
+    return {side.axis: side.overshoot if side.side == "below" else -side.overshoot for side in sides}
 
-    Args:
-        last: what the rig was told to go to last, having arrived there by ``legs`` too; ``None``: that is not known,
-            so every one-sided axis makes its approach.
-        target: where to go.
-        sides: the one-sided axes.
+
+def all_legs(poses: Iterable[RigPose], sides: Iterable[OneSided] = ()) -> Iterator[RigPose]:
+    """Every pose that a scan will be sent to, approaches included, in order.
+
+    Where the rig comes from is not known, so to the first pose every one-sided axis makes its approach.
     """
-    past: dict[str, float] = {}
-    for side in sides:
-        rising = 1.0 if side.side == "below" else -1.0
-        value = getattr(target, side.axis)
-        if last is None or (getattr(last, side.axis) - value) * rising > _SAME:
-            past[side.axis] = value - rising * side.overshoot
-    return [replace(target, **past), target] if past else [target]
-
-
-def all_legs(poses: Iterable[RigPose], sides: Sequence[OneSided] = ()) -> Iterator[RigPose]:
-    """Every pose that a scan will be sent to, approaches included, in order."""
-    last: RigPose | None = None
+    past, play = overshoot(sides), None
     for pose in poses:
-        yield from legs(last, pose, sides)
-        last = pose
+        yield from legs(play or Play(pose), pose, past)
+        play = arrived(pose, past)

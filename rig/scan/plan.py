@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from rig.hal import RigPose
+from rig.hal import AXES, RigPose
 from rig.imagegrid.entry import Degrees, Millimetres, ZoomSetting, pose_key
-from rig.scan.order import AXES, OneSided, at_every_zoom, serpentine
+from rig.scan.order import OneSided, at_every_zoom, serpentine
 from rig.schema import Document, load_yaml, raise_problems, validate
 
 MAX_POSES = 100_000

@@ -5,13 +5,13 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from rig.devices import Clock
 from rig.errors import HardwareError, RigError
+from rig.guard.ways import Play, arrived, legs
 from rig.hal import Frame, Rig, RigPose
 from rig.imagegrid import GridFrame
-from rig.scan.order import OneSided, legs
+from rig.scan.order import OneSided, overshoot
 from rig.scan.store import FrameStore
 
 
@@ -22,19 +22,6 @@ class Finish(enum.Enum):
     DONE = "done"
     INTERRUPTED = "interrupted"
     FAILED = "failed"
-
-
-class FrameCheck(Protocol):
-    """Judges pictures as they come: frozen, black, saturated."""
-
-    def __call__(self, frame: Frame) -> str:
-        """What is wrong with a frame, in words for people; empty if nothing is."""
-        ...
-
-
-def no_check(frame: Frame) -> str:
-    """Every frame is good."""
-    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +51,7 @@ class Scan:
         store: keeps the pictures.
         clock: for the pauses.
         sides: axes that are approached from one side.
-        check: judges each picture before it is kept.
-        bad_frames: errors by which the rig's own camera says that it gives bad pictures; taken like a bad check.
+        bad_frames: errors by which the rig's camera says that it gives pictures, but bad ones.
         retries: how often a bad picture is taken again.
         pause_s: waited before each retry.
         stop: asked before and after each move; true ends the scan. A move that fails while it is true was broken off
@@ -84,7 +70,6 @@ class Scan:
         *,
         clock: Clock,
         sides: Sequence[OneSided] = (),
-        check: FrameCheck = no_check,
         bad_frames: tuple[type[HardwareError], ...] = (),
         retries: int = 2,
         pause_s: float = 1.0,
@@ -93,9 +78,9 @@ class Scan:
         self.finish = Finish.RUNNING
         self.broken_off = ""
         self._rig, self._targets, self._store, self._clock = rig, targets, store, clock
-        self._sides, self._check, self._retries, self._pause_s = tuple(sides), check, retries, pause_s
+        self._overshoot, self._retries, self._pause_s = overshoot(sides), retries, pause_s
         self._bad_frames, self._stop = bad_frames, stop
-        self._last: RigPose | None = None
+        self._play: Play | None = None
 
     def __iter__(self) -> Iterator[GridFrame]:
         """Run.
@@ -129,11 +114,11 @@ class Scan:
     def _go(self, pose: RigPose) -> Generator[GridFrame, None, bool]:
         """Move, and meanwhile see the picture in hand safe; says if the rig has arrived and the scan goes on."""
         try:
-            for leg in legs(self._last, pose, self._sides):
+            for leg in legs(self._play or Play(pose), pose, self._overshoot):
                 if self._stop():
                     break
                 self._rig.move_to(leg)
-            self._last = pose
+            self._play = arrived(pose, self._overshoot)
         except RigError as error:
             yield from self._stored()
             if not self._stop():
@@ -153,13 +138,9 @@ class Scan:
             if attempt:
                 self._clock.sleep_s(self._pause_s)
             try:
-                frame = self._rig.capture()
+                return self._rig.capture()
             except self._bad_frames as error:
                 trouble = str(error)
-                continue
-            trouble = self._check(frame)
-            if not trouble:
-                return frame
         raise HardwareError(
             f"{target.file}: no good picture at {target.pose} in {self._retries + 1} attempts: {trouble}. "
             "Look at the camera and the light, then go on with --resume"

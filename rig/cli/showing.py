@@ -1,0 +1,76 @@
+"""How commands on a live bench tell its status, a pose or anything else: in words, or as one JSON object."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rig.guard import Guard
+    from rig.hal import RigPose
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
+
+def tell(guard: Guard, as_json: bool) -> None:
+    """Ask a rig for its status and show it, and who the devices are."""
+    from rig.runtime import status_object
+
+    names = {name: f"{who.kind} {who.version} at {who.where}" for name, who in guard.identities.items()}
+    show(status_object(guard.status()) | {"identities": names}, as_json)
+
+
+def show(told: dict[str, Any], as_json: bool) -> None:
+    """Show a status as `rig.runtime.status_object` has it."""
+    if as_json:
+        print_json(told)
+        return
+    from rig.table import plain
+
+    held = f" (process {told['pid']} holds it)" if "pid" in told else ""
+    running = f": {told['running']}" if told["running"] else ""
+    lines = [f"state   {told['state']}{running}{held}"]
+    where = "not known" if told["pose"] is None else _words(told["pose"])
+    lines.append(f"pose    {where}" + (f" (stale: {told['age_s']:.1f} s old)" if told["stale"] else ""))
+    for name, device in told["devices"].items():
+        lines.append(f"{name:<7} {_device_words(device)}")
+    lines += [f"! {trouble}" for trouble in told["troubles"]]
+    for line in lines:
+        # What devices say may hold control characters.
+        typer.echo(plain(line))
+
+
+def _device_words(device: dict[str, Any]) -> str:
+    words = [device["motion"]]
+    if "homed" in device:
+        words.append("homed" if device["homed"] else "not homed")
+        words += [f"ALARM:{device['alarm']}"] if device["alarm"] is not None else []
+    else:
+        words.append("referenced" if device["referenced"] else "not referenced")
+        words.append("torque on" if device["torque"] else "torque off")
+    units = (("temperature_c", "{:.0f} °C"), ("voltage_v", "{:.1f} V"), ("load", "load {:.0%}"))
+    words += [form.format(device[key]) for key, form in units if device.get(key) is not None]
+    return ", ".join(words)
+
+
+def pose_words(pose: RigPose) -> str:
+    """A pose in one line, for people."""
+    from dataclasses import asdict
+
+    return _words(asdict(pose))
+
+
+def _words(pose: dict[str, float]) -> str:
+    from rig.hal import AXES
+
+    x, y, z, theta, zoom = (pose[axis] for axis in AXES)
+    return f"x {x:.3f}  y {y:.3f}  z {z:.3f} mm  theta {theta:.3f}°  zoom {zoom:.3f}"
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """One JSON object on a line of its own, for scripts."""
+    import json
+
+    print(json.dumps(value, ensure_ascii=False, allow_nan=False), file=sys.stdout, flush=True)
