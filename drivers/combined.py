@@ -151,6 +151,8 @@ class CombinedRig:
         self._placement, self._clock, self._stops = placement, clock, stops
         self._fixed = {PAN: 0.0, ZOOM: 0.0} | dict(fixed or {})
         self._moving: str | None = None
+        # Stops and halts so far, and how many there had been when the command under way began.
+        self._breaks = self._begun_at = 0
         self._reached: dict[str, tuple[Triple | float, Triple | float]] = {}
         self._last: RigStatus | None = None
 
@@ -203,6 +205,7 @@ class CombinedRig:
         Raises:
             HardwareError: it failed; the position is unknown.
         """
+        self._begun_at = self._breaks
         self._move("gantry", self.gantry.home)
 
     def enable(self, axis: str) -> None:
@@ -221,6 +224,7 @@ class CombinedRig:
             UnreachableError: beyond what a driver was given. That device was sent nothing.
             HardwareError: a device failed, or a STOP came; motion has been stopped.
         """
+        self._begun_at = self._breaks
         place = self._placement.to_rig(self._go(self._placement.to_machine((pose.x_mm, pose.y_mm, pose.z_mm))))
         return RigPose(*place, *(self._turn(axis, getattr(pose, axis)) for axis in (PAN, ZOOM)))
 
@@ -230,9 +234,10 @@ class CombinedRig:
         Raises:
             UnreachableError, HardwareError: as `move_to`.
         """
+        self._begun_at = self._breaks
         here, there = ((p.x_mm, p.y_mm, p.z_mm) for p in (start, target))
         if here != there:
-            here = self._placement.to_rig(self.step_unplaced(_minus(there, here)))
+            here = self._placement.to_rig(self._jog(_minus(there, here)))
         turned = {
             axis: self._turn(axis, getattr(target, axis))
             for axis in self.axes
@@ -246,8 +251,8 @@ class CombinedRig:
         Raises:
             UnreachableError, HardwareError: as `move_to`.
         """
-        origin = self._placement.to_machine((0.0, 0.0, 0.0))
-        return self._move("gantry", partial(self.gantry.jog, *_minus(self._placement.to_machine(step_mm), origin)))
+        self._begun_at = self._breaks
+        return self._jog(step_mm)
 
     def capture(self, after_s: float) -> Picture:
         """A picture whose exposure began after ``after_s``.
@@ -282,14 +287,23 @@ class CombinedRig:
         self._reached.pop(NAMES[axis], None)
         _named(NAMES[axis], partial(self.axes[axis].reference, self._of_axis(axis, value)))
 
+    def place_of(self, machine_mm: Triple) -> Triple:
+        """Where the gantry stands in the rig frame, from machine coordinates."""
+        return self._placement.to_rig(machine_mm)
+
     def stop(self) -> StopReport:
-        """Stop all devices now. Never raises."""
+        """Stop all devices now, and let the command under way begin with no further one. Never raises."""
+        self._breaks += 1
         self._reached.clear()
         stops = {"gantry": self.gantry.stop} | {NAMES[axis]: device.stop for axis, device in self.axes.items()}
         return _summed(self._stops(stops))
 
     def halt(self) -> StopReport | None:
-        """Stop the device that moves, if one does; the torque of the others stays as it is. Never raises."""
+        """Stop the device that moves, if one does; the torque of the others stays as it is. Never raises.
+
+        The command under way begins with no further one.
+        """
+        self._breaks += 1
         moving = self._moving
         if moving is None:
             return None
@@ -314,10 +328,17 @@ class CombinedRig:
     def _closes(self, names: Sequence[str] | Mapping[str, Identity]) -> dict[str, Callable[[], None]]:
         return {name: self._device(name).close for name in names}
 
+    def _jog(self, step_mm: Triple) -> Triple:
+        origin = self._placement.to_machine((0.0, 0.0, 0.0))
+        return self._move("gantry", partial(self.gantry.jog, *_minus(self._placement.to_machine(step_mm), origin)))
+
     def _move(self, name: str, action: Callable[[], Result]) -> Result:
+        # First, so that who halts now sees it move.
         self._moving = name
         self._reached.pop(name, None)
         try:
+            if self._breaks != self._begun_at:
+                raise HardwareError(f"{name}: not moved, since motion was stopped before it began")
             return _named(name, action)
         finally:
             self._moving = None

@@ -8,7 +8,6 @@ from drivers.grbl_faults import alarm
 from drivers.grbl_session import GrblSession, Report, SilentError
 from rig.errors import HardwareError
 
-
 _DOUBLED_S = 0.5
 """After so long a second homing would be seen to run."""
 

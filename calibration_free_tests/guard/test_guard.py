@@ -15,7 +15,7 @@ from calibration_free_tests.guard.sample import MODEL, RULES, START, TRAVEL, Ben
 from calibration_free_tests.rigs.conformance import RigConformance
 from rig.devices import Motion
 from rig.errors import HardwareError, UnreachableError
-from rig.guard import BusyError, HeldError, RefusedError, State, table_markdown
+from rig.guard import BusyError, HeldError, RefusedError, State, StoppedError, table_markdown
 from rig.hal import AXES, Rig, RigPose
 
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
@@ -108,6 +108,41 @@ def test_a_short_jog_before_homing_needs_the_leave_of_the_bench_file() -> None:
     with pytest.raises(RefusedError, match="only the gantry"):
         made.guard.jog(dtheta_deg=1.0)
     assert len(made.motions) == 1
+
+
+def test_where_the_gantry_is_homed_a_servo_without_a_place_takes_no_rule_away() -> None:
+    made = homed(replace(RULES, unhomed_jog_mm=50.0))
+    made.guard.move_to(at(x_mm=0.0, y_mm=0.0, z_mm=50.0))
+    made.pan.reboot()
+    assert made.guard.status().state is State.UNHOMED
+    stood = made.gantry.place_mm
+    with pytest.raises(UnreachableError, match="leads through the keep-out box 'model'"):
+        made.guard.jog(dz_mm=50.0)
+    made.guard.jog(dy_mm=50.0)
+    made.guard.jog(dy_mm=50.0)
+    made.guard.jog(dy_mm=50.0)
+    with pytest.raises(UnreachableError, match="y_mm = 200 is outside"):
+        made.guard.jog(dy_mm=50.0)
+    assert made.gantry.place_mm == pytest.approx((stood[0], stood[1] + 150.0, stood[2]))
+
+
+@pytest.mark.parametrize("how", ["stop", "hold"])
+def test_a_stop_that_falls_between_two_devices_lets_the_next_not_begin(
+    how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:  # 19
+    made = homed(FREE)
+    move = made.gantry.move_to
+
+    def then_stopped(*place: float) -> tuple[float, float, float]:
+        back = move(*place)
+        made.guard.stop("a person") if how == "stop" else made.guard.hold()
+        return back
+
+    monkeypatch.setattr(made.gantry, "move_to", then_stopped)
+    before = made.pan.status().position
+    with pytest.raises((StoppedError, HeldError)):
+        made.guard.move_to(replace(ELSEWHERE, theta_deg=40.0))
+    assert made.pan.status().position == before
 
 
 def test_homing_makes_poses_possible_and_failed_homing_loses_them() -> None:

@@ -195,6 +195,22 @@ def test_a_move_that_was_broken_off_for_a_stop_is_no_fault(tmp_path: Path) -> No
     assert len(read_grid(tmp_path / "grid").frames) == 3
 
 
+def test_ctrl_c_just_before_a_picture_is_no_fault() -> None:
+    """It holds the motion after the rig has arrived, so the picture is refused."""
+    rig, asked = FakeRig(), []
+
+    def before(what: str, pose: RigPose) -> None:
+        if what == "capture" and pose == row(5)[2]:
+            asked.append(True)
+            raise RigError("motion is held. Resume it first")
+
+    rig.before = before
+    scan = a_scan(rig, row(5), quick_store(rig), stop=lambda: bool(asked))
+    assert len(list(scan)) == 2
+    assert scan.finish is Finish.INTERRUPTED
+    assert scan.broken_off == "motion is held. Resume it first"
+
+
 def test_stopping_in_mid_move_takes_no_picture_there() -> None:
     """The rig may stand anywhere on the way."""
     rig, moves = FakeRig(), []

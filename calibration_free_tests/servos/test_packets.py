@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from dynamixel_sdk import COMM_SUCCESS, PortHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.dynamixel import DynamixelBus
 from drivers.dynamixel.sdk_port import SdkPackets
+from rig.errors import HardwareError
 from sim_backends.dynamixel_emulator.packets import (
     HEADER,
     Instruction,
@@ -20,6 +23,7 @@ from sim_backends.dynamixel_emulator.packets import (
     stuff,
     unstuff,
 )
+from sim_backends.simulated_clock import SimulatedClock
 
 SDK: Any = SdkPackets()
 # Headers, and bytes that could become one, come often.
@@ -122,3 +126,29 @@ def test_the_goal_that_looks_like_a_header_is_stuffed() -> None:
     assert HEADER + b"\xfd\xff" in tape.written
     (found,) = read_back(tape.written)
     assert int.from_bytes(found.parameters[2:], "little", signed=True) == -131073
+
+
+class Noise:
+    """A line that never falls silent: a wrong baud rate, a floating pair. Reading takes its time, as on a real one."""
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        self.clock, self.in_waiting = clock, 64
+
+    def read(self, size: int = 1, /) -> bytes:
+        self.clock.sleep_s(size * 10.0 / 57600)
+        return b"\x55" * size
+
+    def write(self, data: bytes, /) -> int:
+        return len(data)
+
+    def close(self) -> None:
+        return None
+
+
+def test_a_line_that_never_falls_silent_is_given_up_in_time() -> None:
+    clock = SimulatedClock()
+    bus = DynamixelBus("noisy", 57600, clock, open_port=lambda port, baud: Noise(clock))
+    bus.open(bus)
+    with pytest.raises(HardwareError, match=r"Something else was heard: check the baud rate"):
+        bus.ping(1)
+    assert clock.now_s() < 5.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -10,8 +11,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from calibration_free_tests.servos.workbench import pan_settings, zoom_settings
-from drivers.dynamixel import DynamixelSettings
+from drivers.dynamixel import DynamixelAxis, DynamixelSettings
 from drivers.dynamixel.table import MOST_TURNS, ServoState, note_of, parse_state
+from sim_backends.simulated_clock import SimulatedClock
 
 
 @pytest.mark.parametrize(
@@ -104,3 +106,14 @@ def test_a_note_tells_its_turns_in_addresses_that_every_servo_takes(turns: int) 
 @pytest.mark.parametrize("words", [(224, 225, 226), (208, 209, 210), (0, 0, 0), (120, 97, 96)])
 def test_what_a_servo_holds_at_power_up_is_no_note(words: tuple[int, int, int]) -> None:
     assert state_with_note(words[0] | words[1] << 16 | words[2] << 32).turns is None
+
+
+def test_an_axis_reads_as_at_its_end_by_a_tick_at_most() -> None:
+    """However wide its own tolerance: what stands beyond must not read as within."""
+    axis = DynamixelAxis(pan_settings(port="none", tolerance_deg=2.0), SimulatedClock())
+    role = axis.settings.role
+    end = role.ticks_at(role.to_angle_deg(role.upper))
+    outward = math.copysign(1.0, end - role.ticks_at(role.to_angle_deg(role.lower)))
+    assert axis._position(end + 0.9 * outward) == role.upper
+    for beyond in (1.1, 10.0, 20.0):
+        assert axis._position(end + beyond * outward) > role.upper

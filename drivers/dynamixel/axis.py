@@ -270,8 +270,8 @@ class DynamixelAxis:
         position = role.to_position(angle_deg)
         end = min(max(position, role.lower), role.upper)
         # An end of the travel lies between two ticks: an axis that was sent there must not read as beyond it, where no
-        # move may begin or end, and where there is no zoom setting.
-        return end if abs(role.to_angle_deg(end) - angle_deg) <= self.settings.tolerance_deg else position
+        # move may begin or end, and where there is no zoom setting. By more than a tick it is really beyond.
+        return end if abs(role.ticks_at(role.to_angle_deg(end)) - ticks) <= 1.0 else position
 
     def _refuse_unreachable(self, position: float) -> None:
         role = self.settings.role

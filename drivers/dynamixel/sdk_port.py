@@ -9,6 +9,7 @@ from drivers.serial_link import SerialPort
 from rig.devices import Clock
 
 _HEARD_MOST = 256
+_CLEARED_MOST = 4
 _STUFFED = b"\xff\xff\xfd\xfd"
 
 
@@ -26,12 +27,20 @@ class SdkPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     # The names are the SDK's.
 
     def clearPort(self) -> None:  # noqa: N802
-        """Drop what has arrived."""
-        while waiting := self.ser.in_waiting:
+        """Drop what has arrived; of a line that never falls silent, what arrives at once."""
+        for _ in range(_CLEARED_MOST):
+            if not (waiting := self.ser.in_waiting):
+                return
             self.ser.read(waiting)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
-        """Read, and keep for messages what was read."""
+        """Read, and keep for messages what was read.
+
+        Nothing once the packet's time is over: the SDK looks at the time only when bytes are missing, so that a line
+        that never falls silent (a wrong baud rate, a floating pair) would keep it for ever.
+        """
+        if self.isPacketTimeout():
+            return b""
         data: bytes = self.ser.read(length) if length > 0 else b""
         self.heard = (self.heard + data)[-_HEARD_MOST:]
         return data

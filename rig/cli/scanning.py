@@ -17,8 +17,10 @@ from rig.cli.homing import HomeFirst, home_first
 from rig.clock import SystemClock
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rig.bench import BenchConfig
-    from rig.hal import Rig
+    from rig.hal import Rig, RigPose
     from rig.imagegrid import GridInfo, GridWriter
     from rig.scan import Estimate, Scan, ScanPlan, Target
 
@@ -71,7 +73,8 @@ def scan(
     with open_rig(config, grid) as rig:
         session = Session(rig, config, grid, plan, folder, resume, sys.stderr if as_json else sys.stdout)
         if home:
-            session.preflight()
+            if not resume:
+                session.preflight(plan.poses)
             home_first(rig)
         try:
             code = session.run()
@@ -111,7 +114,8 @@ class Session:
         from rig.cli.progress import shown
         from rig.scan import ScanRecord, numbered, open_scan_folder
 
-        self.preflight()
+        if not self.resume:
+            self.preflight(self.plan.poses)
         targets = list(numbered(self.plan.poses, self.plan.suffix))
         if not self.resume:
             # Before the folder is made: a scan that does not fit should leave nothing behind.
@@ -130,6 +134,8 @@ class Session:
             targets = [target for target in targets if target.file not in good]
             self.kept = len(good)
             if self.resume:
+                # Only what is missing is driven, by other ways than the whole plan.
+                self.preflight([target.pose for target in targets])
                 self._expect(targets, writer)
             return self._go(targets, writer)
 
@@ -145,8 +151,8 @@ class Session:
             "estimate": None if self.expected is None else asdict(self.expected),
         }
 
-    def preflight(self) -> None:
-        """Check all poses.
+    def preflight(self, poses: Sequence[RigPose]) -> None:
+        """Check the poses that will be gone to, and the ways between them.
 
         Raises:
             InputError: one cannot be gone to.
@@ -155,7 +161,7 @@ class Session:
         from rig.scan import all_legs, preflight
 
         try:
-            preflight(self.rig, list(all_legs(self.plan.poses, self.plan.sides)))
+            preflight(self.rig, list(all_legs(poses, self.plan.sides)))
         except UnreachableError as error:
             raise InputError(str(error), where=self.plan.name) from error
 

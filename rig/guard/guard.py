@@ -339,7 +339,10 @@ class Guard:
     # Within.
 
     def _jog_unhomed(self, step: RigPose) -> None:
-        """A step of the gantry, and only that, if the bench allows it: its limits mean nothing yet."""
+        """A step of the gantry, and only that, if the bench allows it.
+
+        Its limits mean nothing yet, unless it is a servo alone that does not know its place.
+        """
         longest = self.rules.unhomed_jog_mm
         for axis in LINEAR:
             # Written so that a value which is not a number is too long.
@@ -350,6 +353,12 @@ class Guard:
                 )
         if step.theta_deg or step.zoom:
             raise RefusedError("before homing only the gantry can be jogged. Home it first (`rig home`)")
+        gantry = self._watch.ask().gantry
+        if gantry is not None and gantry.homed and gantry.position_mm is not None:
+            start = RigPose(*self._rig.place_of(gantry.position_mm), 0.0)
+            target = RigPose(*(getattr(start, axis) + getattr(step, axis) for axis in AXES))
+            refuse_outside(target, self.rules.travel, axes=[axis for axis in LINEAR if getattr(step, axis)])
+            refuse_way(start, target, self.rules.keep_out)
         with self._activities.during(Event.JOG, State.JOGGING, HOMED_OR_NOT):
             self._rig.step_unplaced((step.x_mm, step.y_mm, step.z_mm))
 

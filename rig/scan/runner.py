@@ -106,7 +106,15 @@ class Scan:
             if not arrived:
                 self.finish = Finish.INTERRUPTED
                 return
-            self._store.put(self._good_frame(target), target.file)
+            try:
+                frame = self._good_frame(target)
+            except RigError as error:
+                if not self._stop():
+                    raise
+                # Ctrl-C has held the motion just before the picture: it is no fault of the bench.
+                self.finish, self.broken_off = Finish.INTERRUPTED, str(error)
+                break
+            self._store.put(frame, target.file)
         else:
             self.finish = Finish.DONE
         yield from self._stored()
