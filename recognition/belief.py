@@ -164,7 +164,7 @@ def challengers(world: World, views: list[Seen], effort: Effort) -> Hypotheses:
     richest = sorted((k for k in range(len(views)) if views[k].count), key=lambda k: -views[k].count)[:_RICHEST]
     found = Hypotheses.empty(views)
     for k in richest:
-        found = join(found, _fresh(world, views, effort, effort.proposals, k))
+        found = join(found, _fresh(world, views, effort, 2 * effort.fresh, k))
     return found
 
 

@@ -95,6 +95,7 @@ class DetectionEntry(Strict):
     corner_sd_px: Annotated[Positive, Field(description="Standard deviation of a corner coordinate.")] = (
         DetectionRates().corner_sd_px
     )
+    measured: Annotated[bool, Field(description="They were counted on views with truth, not guessed.")] = False
 
 
 class Goal(Strict):
