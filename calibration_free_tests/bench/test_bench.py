@@ -40,6 +40,11 @@ def test_the_examples_are_good_bench_files(path: Path) -> None:
     assert not str(getattr(config.file, "grid", None) or "").startswith("/")
 
 
+def test_rates_count_as_measured_where_the_bench_says_so(tmp_path: Path) -> None:
+    told = load_bench(bench(tmp_path, "detection: {found: 0.8, clutter: 0.2, measured: true}\n"))
+    assert told.rates == DetectionRates(found=0.8, clutter=0.2, measured=True)
+
+
 def test_the_castle_bench_says_what_was_told_and_no_more() -> None:
     config = load_bench(EXAMPLES / "castle.yaml")
     assert config.bounds() == BenchBounds(4000.0, 60_000.0, 15.0, 60.0)

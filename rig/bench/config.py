@@ -75,7 +75,7 @@ class BenchConfig:
     def rates(self) -> DetectionRates:
         """How the detector behaves on this bench."""
         told = self.file.detection
-        return DetectionRates(told.found, told.clutter, told.corner_sd_px)
+        return DetectionRates(told.found, told.clutter, told.corner_sd_px, told.measured)
 
     @property
     def goal(self) -> Goal:
