@@ -95,6 +95,9 @@ class CameraSession:
             self.trouble = str(error)
         except self._read_errors as error:
             self._failed(str(error).strip() or type(error).__name__)
+        except Exception as error:
+            # Whatever it is: draining ends, and whoever waits for a picture is told why there will be none.
+            self.trouble = f"taking a frame failed with {type(error).__name__}: {error}"
         return not self.trouble
 
     def finish(self) -> None:

@@ -159,7 +159,7 @@ def open_settings_source(settings: CameraSettings, clock: Clock) -> CameraSource
     if settings.kind == "http":
         from drivers.http_camera import HttpSource
 
-        return HttpSource(settings.source, settings.deadlines.connect_s)
+        return HttpSource(settings.source, settings.deadlines.connect_s, clock)
     return _open_file(settings, clock)
 
 

@@ -11,12 +11,12 @@ import select
 import socket
 from collections import deque
 from email.message import Message
-from http.client import parse_headers
+from http.client import HTTPException, parse_headers
 from urllib.parse import urlsplit
 
 from drivers.camera_source import SourceEndedError
 from drivers.mjpeg import MultipartParser, StreamError, decode_jpeg
-from rig.devices import Identity
+from rig.devices import Clock, Identity
 from rig.errors import HardwareError
 from rig.hal import Image
 
@@ -31,21 +31,24 @@ class HttpSource:
     bounded_buffer = False
     """Both computers' network buffers lie between camera and reader: thousands of small frames."""
 
-    def __init__(self, url: str, timeout_s: float) -> None:
-        """Connect and read the answer's header.
+    def __init__(self, url: str, timeout_s: float, clock: Clock) -> None:
+        """Connect and read the answer's header, which must be there whole within the time-out.
 
         Raises:
             HardwareError: nobody answers there, or with something else than a Motion-JPEG stream.
         """
-        self._url = url
+        deadline_s = clock.now_s() + timeout_s
         try:
             self._socket = _request(url, timeout_s)
         except OSError as error:
             raise HardwareError(f"{url}: no answer: {error}. Check address, cable and power") from error
         try:
-            header, rest = _read_answer(self._socket)
+            header, rest = _split_answer(_receive_answer(self._socket, clock, deadline_s))
             self._parser = MultipartParser(_boundary(header))
             self._frames: deque[bytes] = deque(self._parser.feed(rest))
+        except TimeoutError as error:
+            self._socket.close()
+            raise HardwareError(f"{url}: no whole answer within {timeout_s:g} s. Check address and cable") from error
         except OSError as error:
             self._socket.close()
             raise HardwareError(f"{url}: {error}. Name the address of the Motion-JPEG stream itself") from error
@@ -72,7 +75,7 @@ class HttpSource:
         """Take the next frame.
 
         Raises:
-            OSError: it stalled half way, the stream has ended, or is no stream.
+            OSError: it stalled half way, or the stream has ended or is broken.
         """
         while not self._frames:
             self._receive()
@@ -100,7 +103,11 @@ class HttpSource:
         data = self._socket.recv(_CHUNK_BYTES)
         if not data:
             raise SourceEndedError("the stream has ended")
-        self._frames.extend(self._parser.feed(data))
+        try:
+            self._frames.extend(self._parser.feed(data))
+        except StreamError as error:
+            # Where the next part begins is not known any more.
+            raise SourceEndedError(f"the stream is broken: {error}") from error
 
 
 def _request(url: str, timeout_s: float) -> socket.socket:
@@ -115,17 +122,29 @@ def _request(url: str, timeout_s: float) -> socket.socket:
     return connection
 
 
-def _read_answer(connection: socket.socket) -> tuple[Message, bytes]:
+def _receive_answer(connection: socket.socket, clock: Clock, deadline_s: float) -> bytes:
+    """The answer's header, and what came with it of what follows."""
     data = b""
     while b"\r\n\r\n" not in data:
+        left_s = deadline_s - clock.now_s()
+        if left_s <= 0.0:
+            raise TimeoutError
+        connection.settimeout(left_s)
         more = connection.recv(4096)
         if not more or len(data) > _MAX_ANSWER_BYTES:
             raise StreamError("what answers there does not speak HTTP")
         data += more
-    head, rest = data.split(b"\r\n\r\n", 1)
+    return data
+
+
+def _split_answer(answer: bytes) -> tuple[Message, bytes]:
+    head, rest = answer.split(b"\r\n\r\n", 1)
     status, _, lines = head.partition(b"\r\n")
     words = status.decode("latin-1").split(" ", 2)
-    header = parse_headers(io.BytesIO(lines + b"\r\n\r\n"))
+    try:
+        header = parse_headers(io.BytesIO(lines + b"\r\n\r\n"))
+    except HTTPException as error:
+        raise StreamError(f"what answers there does not speak HTTP: {error}") from error
     if not words[0].startswith("HTTP/") or len(words) < 2:
         raise StreamError("what answers there does not speak HTTP")
     if words[1] != "200":

@@ -12,6 +12,7 @@ from rig.hal import Image
 
 _MAX_HEADER_BYTES = 16 * 1024
 _MAX_PART_BYTES = 32 * 1024 * 1024
+_MAX_DIGITS = 20
 _MAX_PIXELS = 64 * 1024 * 1024
 _SCAN = 0xDA
 
@@ -62,8 +63,9 @@ class MultipartParser:
                 raise StreamError(f"no part of the stream begins within {_MAX_HEADER_BYTES} bytes")
             return False
         header = BytesHeaderParser().parsebytes(bytes(self._buffer[delimiter.end() : end.end()]))
-        told = header.get("Content-Length", "")
-        self._length = int(told) if told.isascii() and told.isdigit() else None
+        told = str(header.get("Content-Length", ""))
+        # So many digits say enough, and Python refuses to make a number of thousands.
+        self._length = int(told[:_MAX_DIGITS]) if told.isascii() and told.isdigit() else None
         if self._length is not None and self._length > _MAX_PART_BYTES:
             raise StreamError(f"a part of {self._length} bytes is announced, more than {_MAX_PART_BYTES}")
         del self._buffer[: end.end()]

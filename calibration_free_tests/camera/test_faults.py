@@ -178,6 +178,20 @@ def test_a_hanging_camera_ends_a_capture_within_a_second() -> None:
     assert bench.clock.now_s() - start_s < 1.0
 
 
+def test_an_error_that_nobody_expected_ends_the_draining_and_is_told() -> None:
+    bench = connected()
+
+    def grab() -> bool:
+        raise ZeroDivisionError("a bug in a camera's driver")
+
+    bench.captures[0].grab = grab  # type: ignore[method-assign]  # the fault that is planted
+    with pytest.raises(HardwareError, match=r"ZeroDivisionError: a bug in a camera's driver.*connect again"):
+        bench.camera.capture(bench.clock.now_s())
+    assert not bench.captures[0].isOpened()
+    bench.camera.connect()
+    assert not bench.move_and_capture(np.random.default_rng(0)).stale
+
+
 class Stuck:
     """A source that gives noise, until a read is told to hang in the kernel; simulated time knows nothing of it."""
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import re
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import cv2
@@ -163,11 +164,34 @@ def answering(answer: bytes | Callable[[socket.socket], None]) -> Iterator[str]:
         (b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<html>", r"sends text/html, no Motion-JPEG stream"),
         (b"SSH-2.0-OpenSSH_9.6\r\n\r\n", r"does not speak HTTP"),
         (b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n", r"in chunks"),
+        (b"HTTP/1.0 200 OK\r\n" + b"X: y\r\n" * 200 + b"\r\n", r"does not speak HTTP: got more than 100 headers"),
     ],
 )
 def test_what_is_no_stream_is_refused_and_redirections_are_not_followed(answer: bytes, message: str) -> None:
     with answering(answer) as url, pytest.raises(HardwareError, match=message):
         connected(url)
+
+
+def test_an_answer_that_trickles_in_does_not_hold_up_connecting_beyond_its_deadline() -> None:
+    def trickle(connection: socket.socket) -> None:
+        with suppress(OSError):
+            for _ in range(60):
+                connection.sendall(b"H")
+                time.sleep(0.05)
+
+    start_s = CLOCK.now_s()
+    with answering(trickle) as url:
+        with pytest.raises(HardwareError, match=r"no whole answer within 0.3 s.*Check"):
+            connected(url, deadlines={"connect_s": 0.3})
+        assert CLOCK.now_s() - start_s < 1.0
+
+
+def test_a_stream_that_announces_what_cannot_be_ends_and_says_so() -> None:
+    head = b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=cam\r\n\r\n"
+    broken = b"--cam\r\nContent-Length: " + b"9" * 5000 + b"\r\n\r\n"
+    whole = head + part(jpeg(), length=True) * 8 + broken
+    with answering(whole) as url, pytest.raises(HardwareError, match="announced"):
+        connected(url, warm_up_s=5.0)
 
 
 def test_a_stream_that_stalls_half_way_through_a_frame_blocks_neither_connect_nor_close() -> None:
@@ -182,14 +206,14 @@ def test_a_stream_that_stalls_half_way_through_a_frame_blocks_neither_connect_no
 def test_a_stream_is_empty_when_it_is_quiet_but_not_amid_a_frame() -> None:
     head = b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=cam\r\n\r\n"
     with answering(head + part(jpeg(), length=True)) as url:
-        source = HttpSource(url, 1.0)
+        source = HttpSource(url, 1.0, CLOCK)
         while not source.frame_waiting(0.05):
             pass
         assert source.grab()
         assert source.frame_waiting(0.005) is False
         source.release()
     with answering(head + part(jpeg(), length=True) + part(jpeg(), length=True)[:-50]) as url:
-        source = HttpSource(url, 1.0)
+        source = HttpSource(url, 1.0, CLOCK)
         while not source.frame_waiting(0.05):
             pass
         assert source.grab()
@@ -236,8 +260,17 @@ def test_a_frame_without_length_is_complete_before_the_next_boundary_comes() -> 
 def test_a_part_larger_than_any_picture_is_refused() -> None:
     with pytest.raises(StreamError, match="announced"):
         MultipartParser("cam").feed(b"--cam\r\nContent-Length: 99999999999\r\n\r\n")
+    with pytest.raises(StreamError, match="announced"):
+        MultipartParser("cam").feed(b"--cam\r\nContent-Length: " + b"9" * 5000 + b"\r\n\r\n")
     with pytest.raises(StreamError, match="no part"):
         MultipartParser("cam").feed(b"x" * 100_000)
+
+
+def test_a_length_that_is_no_number_is_taken_for_none() -> None:
+    whole = part(jpeg(), length=True)
+    for told in (b"\xff5", b"-5", b"5 bytes", "٥".encode()):
+        stream = re.sub(rb"Content-Length: \d+", b"Content-Length: " + told, whole)
+        assert MultipartParser("cam").feed(stream) == [jpeg()]
 
 
 def test_a_damaged_picture_is_none() -> None:
