@@ -9,7 +9,7 @@ import pytest
 
 from calibration_free_tests.evaluate.sample import small_plan
 from rig.evaluate.bound import code_length
-from rig.evaluate.figures import bins, calibration_error, summary
+from rig.evaluate.figures import bins, confidence_error, summary
 from rig.evaluate.plots import wilson
 
 
@@ -27,22 +27,22 @@ def record(number: int, kind: str = "right", confidence: float | None = 0.995, *
     }
 
 
-def test_calibration_error_is_the_gap_between_sureness_and_truth_weighted_by_answers() -> None:
+def test_confidence_error_is_the_gap_between_sureness_and_truth_weighted_by_answers() -> None:
     # 0.9 .. 0.95: four answers that say 0.94, three right: 0.19 apart; above: four that say 0.996, all right: 0.004.
     low = [record(k, "right" if k else "wrong", 0.94) for k in range(4)]
     high = [record(k, "right", 0.996) for k in range(4)]
-    assert calibration_error(bins(low + high)) == pytest.approx((4 * 0.19 + 4 * 0.004) / 8)
+    assert confidence_error(bins(low + high)) == pytest.approx((4 * 0.19 + 4 * 0.004) / 8)
 
 
 def test_answers_that_cancel_out_in_one_bin_are_calibrated() -> None:
     said_90 = [record(k, "right" if k else "wrong", 0.9) for k in range(10)]
-    assert calibration_error(bins(said_90)) == pytest.approx(0.0)
+    assert confidence_error(bins(said_90)) == pytest.approx(0.0)
 
 
 def test_trials_without_an_answer_do_not_count_in_calibration() -> None:
     found = bins([record(0, "undecided", None), record(1, "right", 1.0)])
     assert [(one.answers, one.right) for one in found] == [(1, 1)]
-    assert calibration_error(bins([record(0, "undecided", None)])) is None
+    assert confidence_error(bins([record(0, "undecided", None)])) is None
 
 
 @pytest.mark.parametrize(

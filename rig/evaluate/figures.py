@@ -84,7 +84,7 @@ def bins(records: Iterable[Record], edges: Sequence[float] = CONFIDENCE_EDGES) -
     ]
 
 
-def calibration_error(found: Sequence[Bin]) -> float | None:
+def confidence_error(found: Sequence[Bin]) -> float | None:
     """Expected calibration error: how far sureness and share of right answers lie apart, weighted by answers."""
     total = sum(one.answers for one in found)
     if total == 0:
@@ -120,7 +120,7 @@ def _figures(base: str, policy: str, noise: str, mine: Sequence[Record], bound: 
         right=kinds.count(RIGHT),
         wrong=kinds.count(WRONG),
         undecided=kinds.count(UNDECIDED),
-        ece=calibration_error(bins(mine)),
+        ece=confidence_error(bins(mine)),
         views_mean=float(np.mean(views)) if mine else None,
         views_p90=float(np.quantile(views, 0.9)) if mine else None,
         travel_s_mean=float(np.mean([record["travel_s"] for record in mine])) if mine else None,
