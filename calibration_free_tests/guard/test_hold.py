@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
-from calibration_free_tests.guard.sample import Bench, bench, homed
+from calibration_free_tests.guard.sample import Bench, at, bench, homed
+from rig.devices import AxisStatus, Motion
+from rig.errors import HardwareError
 from rig.guard import HeldError, State
 
 
@@ -81,3 +84,24 @@ def test_a_hold_during_what_moves_nothing_holds_once_it_is_done(ask: str, monkey
         made.guard.home()
     made.guard.resume()
     made.guard.home()
+
+
+@pytest.mark.parametrize("slow_looks", [1, 10], ids=["at rest soon", "still slowing down"])
+def test_a_move_that_was_held_ends_as_held_however_long_the_servo_takes_to_slow_down(
+    slow_looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = homed()
+    status, looks = made.pan.status, []
+
+    def slowing_down() -> AxisStatus:
+        looks.append(None)
+        return replace(status(), motion=Motion.MOVING if len(looks) <= slow_looks else Motion.IDLE)
+
+    def held_in_motion(position: float) -> float:
+        monkeypatch.setattr(made.pan, "status", slowing_down)
+        made.guard.hold()
+        raise HardwareError("pan servo 1 was stopped")
+
+    monkeypatch.setattr(made.pan, "move_to", held_in_motion)
+    with pytest.raises(HeldError, match="held before it had ended"):
+        made.guard.move_to(at(theta_deg=20.0))

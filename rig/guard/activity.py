@@ -49,8 +49,10 @@ class Activities:
             if found not in good:
                 raise HardwareError(f"the {event.value} ended with the rig {found.value}: {self._watch.why(status)}")
         except BaseException as error:
-            self._clear_up(event, error)
+            # Before the state of what is left is known: of an alarm it says nothing about the hold that led there.
             broken = self._due(event)
+            self._clear_up(event, error)
+            broken = self._due(event) or broken
             if broken is not None and isinstance(error, HardwareError | HeldError):
                 raise broken from error
             raise
