@@ -21,8 +21,8 @@ from drivers.serial_ports import resolve_port
 from rig.bench import BenchConfig, Device
 from rig.bench.port_place import place_of
 from rig.clock import SystemClock
-from rig.errors import HardwareError, InputError
-from rig.runtime import Attendance, runtime_folder, stop_held
+from rig.errors import InputError
+from rig.runtime import Attendance, BenchHeldError, runtime_folder, stop_held
 
 ROOT = Path(__file__).parents[2]
 
@@ -164,7 +164,7 @@ def test_a_stop_reaches_the_bench_whichever_name_its_port_has_been_given(
     holder, asker = serial.attendance(ours, runtime), serial.attendance(theirs, runtime)
     made = bench(latch=holder.latch, company=(holder.listen,), clock=SystemClock(), stops=in_threads)
     with made.guard:
-        with pytest.raises(HardwareError, match=f"process {os.getpid()} holds this bench"), asker.listen(made.guard):
+        with pytest.raises(BenchHeldError, match=f"process {os.getpid()} "), asker.listen(made.guard):
             pass
         assert (asker.ask("stop", by="a person") or {})["confirmed"]
         assert asker.latch.note().startswith("a person")

@@ -68,6 +68,7 @@ def open_live(
     clock: Clock | None = None,
     make: Maker | None = None,
     runtime: Path | None = None,
+    make_room: Callable[[], object] | None = None,
     **others: Any,
 ) -> Guard:
     """Make the guarded rig of a live bench; nothing is opened yet.
@@ -77,6 +78,7 @@ def open_live(
         clock: for everything; ``None``: real time.
         make: constructs one device, e.g. on an emulated port; ``None``: the drivers' own constructors.
         runtime: where processes of this user meet; ``None``: `rig.runtime.runtime_folder`.
+        make_room: for who only looks: called when another process wants the bench, which then waits for its end.
         others: passed on to `drivers.combined.CombinedRig`.
 
     Raises:
@@ -86,7 +88,7 @@ def open_live(
     gantry, axes, camera = make_devices(config.devices, clock, make)
     by_axis = {axis: axes[role] for axis, role in NAMES.items() if role in axes}
     rig = CombinedRig(gantry, by_axis, camera, file.axes.placement, clock, **others)
-    attendance = attendance_of(config, runtime)
+    attendance = attendance_of(config, runtime, make_room=make_room)
     return Guard(
         rig,
         file.rules,
@@ -97,14 +99,17 @@ def open_live(
     )
 
 
-def attendance_of(config: BenchConfig, runtime: Path | None = None) -> Attendance:
+def attendance_of(
+    config: BenchConfig, runtime: Path | None = None, *, make_room: Callable[[], object] | None = None
+) -> Attendance:
     """Where processes that use a live bench meet, in another folder than `rig.runtime.runtime_folder` if so told.
 
     Raises:
         InputError: it is a mock bench, or the runtime folder cannot be used.
     """
     _live(config)
-    return Attendance(runtime or runtime_folder(), config.key, config.name, also=config.other_keys)
+    folder = runtime or runtime_folder()
+    return Attendance(folder, config.key, config.name, also=config.other_keys, make_room=make_room)
 
 
 def stop_directly(config: BenchConfig, by: str) -> StopReport:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,12 +14,10 @@ from rig.cli.homing import HomeFirst
 from rig.cli.showing import Json, pose_words, print_json, show, tell
 
 if TYPE_CHECKING:
-    from rig.bench import BenchConfig
     from rig.guard import Guard
     from rig.hal import RigPose
 
 INTERRUPTED = 130
-WATCH_S = 0.5
 
 Bench = Annotated[Path, typer.Argument(metavar="BENCH", help="The bench file of a live bench.", show_default=False)]
 X = Annotated[float | None, typer.Option("--x-mm", help="Rig frame. [default: stay]", show_default=False)]
@@ -85,23 +83,27 @@ def status(
     watch: Annotated[bool, typer.Option("--watch", help="Go on until Ctrl-C.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Show what the devices say; also of a bench that another process holds. Nothing moves."""
-    from rig.bench import attendance_of, load_bench
+    """Show what the devices say, or what the process that holds the bench knows of them. Nothing moves.
+
+    It shares the bench: a command that moves something gets it, and --watch goes on with what that command says.
+    """
+    from rig.bench import load_bench
     from rig.cli.interrupt import ends_gently
+    from rig.cli.looking import look_once
+    from rig.cli.looking import watch as watch_bench
 
     config = load_bench(bench)
-    attendance = attendance_of(config)
-    # Ctrl-C is how watching ends. As an exception it could fall where Python only prints it, and be lost.
-    with ends_gently(silent=True) if watch else nullcontext(lambda: True) as ended:
-        if (told := attendance.ask("status")) is not None:
-            while told is not None:
-                show(told, as_json)
-                told = None if _waited(ended) else attendance.ask("status")
-            return
-        with _open(config) as guard:
-            tell(guard, as_json)
-            while not _waited(ended):
-                tell(guard, as_json)
+
+    def shown(told: dict[str, Any]) -> None:
+        show(told, as_json)
+
+    # Ctrl-C is how watching ends. As an exception it could fall where Python only prints it, and be lost; and what is
+    # known of where the bench was left homed goes when a session is broken off.
+    with ends_gently(silent=True) as ended:
+        if watch:
+            watch_bench(config, shown, ended)
+        else:
+            look_once(config, shown)
 
 
 def capture(
@@ -145,17 +147,11 @@ def capture(
 @contextmanager
 def _connected(bench: Path) -> Iterator[tuple[Guard, Callable[[], bool]]]:
     """A connected guard that Ctrl-C holds, and twice Ctrl-C stops; and whether that was asked."""
-    from rig.bench import load_bench
+    from rig.bench import load_bench, open_live
     from rig.cli.interrupt import ends_gently
 
-    with _open(load_bench(bench)) as guard, ends_gently(guard) as asked:
+    with open_live(load_bench(bench)) as guard, ends_gently(guard) as asked:
         yield guard, asked
-
-
-def _open(config: BenchConfig) -> Guard:
-    from rig.bench import open_live
-
-    return open_live(config)
 
 
 @contextmanager
@@ -178,13 +174,3 @@ def _changed(pose: RigPose, told: dict[str, float]) -> RigPose:
     from dataclasses import replace
 
     return replace(pose, **told)
-
-
-def _waited(ended: Callable[[], bool]) -> bool:
-    """Wait until the next look; says if there is to be none."""
-    import time
-
-    until_s = time.monotonic() + WATCH_S
-    while not ended() and time.monotonic() < until_s:
-        time.sleep(0.05)
-    return ended()

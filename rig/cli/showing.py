@@ -14,12 +14,17 @@ if TYPE_CHECKING:
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
-def tell(guard: Guard, as_json: bool) -> None:
-    """Ask a rig for its status and show it, and who the devices are."""
+def status_of(guard: Guard) -> dict[str, Any]:
+    """Ask a rig for its status; the object that `show` takes, with who the devices are."""
     from rig.runtime import status_object
 
     names = {name: f"{who.kind} {who.version} at {who.where}" for name, who in guard.identities.items()}
-    show(status_object(guard.status()) | {"identities": names}, as_json)
+    return status_object(guard.status()) | {"identities": names}
+
+
+def tell(guard: Guard, as_json: bool) -> None:
+    """Ask a rig for its status and show it."""
+    show(status_of(guard), as_json)
 
 
 def show(told: dict[str, Any], as_json: bool) -> None:
@@ -29,7 +34,7 @@ def show(told: dict[str, Any], as_json: bool) -> None:
         return
     from rig.table import plain
 
-    held = f" (process {told['pid']} holds it)" if "pid" in told else ""
+    held = f" ({_holder_words(told)} holds the bench)" if "pid" in told else ""
     running = f": {told['running']}" if told["running"] else ""
     lines = [f"state   {told['state']}{running}{held}"]
     where = "not known" if told["pose"] is None else _words(told["pose"])
@@ -40,6 +45,10 @@ def show(told: dict[str, Any], as_json: bool) -> None:
     for line in lines:
         # What devices say may hold control characters.
         typer.echo(plain(line))
+
+
+def _holder_words(told: dict[str, Any]) -> str:
+    return f"process {told['pid']}" + (f", `{told['command']}`," if told.get("command") else "")
 
 
 def _device_words(device: dict[str, Any]) -> str:

@@ -36,7 +36,7 @@ class Guard:
         clock: the same that the devices have.
         memory: keeps over the end of a process where the gantry was left homed.
         latch: keeps a STOP over the end of a process.
-        company: contexts that are entered before the devices are connected and left before they are closed, e.g. who
+        company: contexts that are entered before the devices are connected and left after they are closed, e.g. who
             listens for a STOP from other processes.
         seen: is told every transition of the state.
     """

@@ -15,7 +15,7 @@ from rig.guard.states import Event, State
 from rig.guard.watch import StopLatch, Watch
 
 Companion = Callable[[Any], AbstractContextManager[object]]
-"""Takes the guard, and is entered before the devices are connected and left before they are closed."""
+"""Takes the guard, and is entered before the devices are connected and left after they are closed."""
 
 
 class Link:
@@ -89,6 +89,7 @@ class Link:
     def _disconnect(self) -> None:
         self._watch.forget()
         try:
-            self._companions.close()
-        finally:
             self._rig.close()
+        finally:
+            # Last: who holds the bench for us must not let another process in before the devices are free.
+            self._companions.close()

@@ -2,6 +2,7 @@
 
 from rig.runtime.attendance import Attendance, stop_held
 from rig.runtime.folder import runtime_folder
+from rig.runtime.holding import BenchHeldError, Holder
 from rig.runtime.homing import FileHomingMemory
 from rig.runtime.latch import FileLatch
 from rig.runtime.line import ask, listening
@@ -9,8 +10,10 @@ from rig.runtime.telling import status_object, stop_object
 
 __all__ = [
     "Attendance",
+    "BenchHeldError",
     "FileHomingMemory",
     "FileLatch",
+    "Holder",
     "ask",
     "listening",
     "runtime_folder",

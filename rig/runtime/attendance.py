@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from rig.devices import StopReport
 from rig.errors import RigError
+from rig.runtime.holding import Holder, holder_of, holding, this_process
 from rig.runtime.homing import FileHomingMemory
 from rig.runtime.latch import FileLatch
-from rig.runtime.line import Attended, ask, listening
+from rig.runtime.line import Attended, MuteError, ask, listening
 from rig.runtime.telling import stop_object
 
 
@@ -24,26 +25,65 @@ class Attendance:
         key: names the bench, the same for all processes that know it by this name.
         bench: for people.
         also: keys of other names by which the same bench may be known; the last is the surest one.
+        make_room: for who only looks at the bench: called, in another thread, when a process asks that moves something.
 
     Attributes:
         latch: a STOP that outlives processes.
         homing: where the gantry was left homed.
     """
 
-    def __init__(self, folder: Path, key: str, bench: str, *, also: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        key: str,
+        bench: str,
+        *,
+        also: Sequence[str] = (),
+        make_room: Callable[[], object] | None = None,
+    ) -> None:
         keys = (key, *also)
         self._lines, self._bench = tuple(folder / f"{one}.sock" for one in keys), bench
+        self._locks, self._make_room = tuple(folder / f"{one}.held" for one in keys), make_room
         self.latch = FileLatch(*(folder / f"{one}.stopped" for one in keys))
         self.homing = FileHomingMemory(folder / f"{keys[-1]}.homed")
 
-    def listen(self, guard: Attended) -> AbstractContextManager[None]:
-        """Answer other processes while inside."""
-        return listening(self._lines, self._bench, guard)
+    @contextmanager
+    def listen(self, guard: Attended) -> Iterator[None]:
+        """Hold the bench, and answer other processes, while inside.
+
+        Raises:
+            BenchHeldError: another process holds it.
+            InputError: the socket cannot be made.
+        """
+        me = this_process(yields=self._make_room is not None)
+        with (
+            holding(self._locks, self._bench, me, self._ask_for_room),
+            listening(self._lines, self._bench, guard, me.command, self._make_room),
+        ):
+            yield
+
+    def holder(self) -> Holder | None:
+        """Who holds the bench now; ``None`` if nobody does."""
+        return holder_of(self._locks)
 
     def ask(self, what: str, **details: str) -> dict[str, Any] | None:
-        """Ask the process that holds the bench (see `rig.runtime.ask`); ``None`` if none does."""
-        answers = (ask(line, what, **details) for line in self._lines)
-        return next((answer for answer in answers if answer is not None), None)
+        """Ask the process that holds the bench; ``None`` if none does.
+
+        Raises:
+            MuteError: it does not answer; tells which process it is.
+            RigError: what was asked was refused, and why.
+        """
+        try:
+            answers = (ask(line, what, **details) for line in self._lines)
+            return next((answer for answer in answers if answer is not None), None)
+        except MuteError as error:
+            holder = self.holder() or Holder()
+            raise MuteError(f"{self._bench}: {holder.words}", error.why) from error
+
+    def _ask_for_room(self) -> None:
+        # Who does not answer, or does not understand, keeps the bench; that is told where it is not free in time.
+        with suppress(RigError):
+            self.ask("make room")
 
 
 def stop_held(folder: Path, by: str) -> list[dict[str, Any]]:

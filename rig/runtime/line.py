@@ -25,6 +25,19 @@ _ASK_S = 2.0
 _MOST_BYTES = 4096
 
 
+class MuteError(HardwareError):
+    """The process that holds a bench does not answer.
+
+    Attributes:
+        why: what became of asking.
+    """
+
+    def __init__(self, holder: str, why: object) -> None:
+        self.why = why
+        remedy = "Use the wired emergency stop, then end that process"
+        super().__init__(f"{holder} holds the bench and does not answer ({why}). {remedy}")
+
+
 class Attended(Protocol):
     """What the line reaches: the guard."""
 
@@ -42,24 +55,32 @@ class Attended(Protocol):
 
 
 @contextlib.contextmanager
-def listening(paths: Sequence[Path], bench: str, guard: Attended) -> Iterator[None]:
-    """Answer on a socket while inside, in threads of its own.
+def listening(
+    paths: Sequence[Path],
+    bench: str,
+    guard: Attended,
+    command: str = "",
+    make_room: Callable[[], object] | None = None,
+) -> Iterator[None]:
+    """Answer on a socket while inside, in threads of its own. For who holds the bench (`rig.runtime.holding`).
 
     Args:
         paths: of the socket, and of links to it.
         bench: for people.
         guard: what is asked for.
+        command: what this process does, for people.
+        make_room: called when another process asks for the bench; ``None``: it is kept.
 
     Raises:
-        HardwareError: another process answers at one of the paths.
         InputError: the socket cannot be made.
     """
     path, *links = paths
     for one in paths:
-        _clear_stale(one)
+        # Of a process that was killed: nobody else holds the bench now.
+        one.unlink(missing_ok=True)
     with contextlib.ExitStack() as made:
         try:
-            server = made.enter_context(_Server(str(path), bench, guard))
+            server = made.enter_context(_Server(str(path), bench, guard, command, make_room))
             made.callback(path.unlink, missing_ok=True)
             for link in links:
                 link.symlink_to(path.name)
@@ -81,7 +102,7 @@ def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
     """Ask whoever holds the bench; ``None`` if nobody does.
 
     Raises:
-        HardwareError: somebody does, and does not answer in time.
+        MuteError: somebody does, and does not answer in time.
         RigError: what was asked was refused, and why.
     """
     asked = json.dumps({"what": what, **details}).encode() + b"\n"
@@ -94,9 +115,9 @@ def ask(path: Path, what: str, **details: str) -> dict[str, Any] | None:
             hung_up = failure
             time.sleep(_AGAIN_S)
         except (OSError, ValueError) as failure:
-            raise _mute(path, failure) from failure
+            raise MuteError(f"{path}: somebody", failure) from failure
     else:
-        raise _mute(path, hung_up)
+        raise MuteError(f"{path}: somebody", hung_up)
     if answer is not None and "refused" in answer:
         raise RigError(str(answer["refused"]))
     return answer
@@ -117,19 +138,14 @@ def _exchange(path: Path, asked: bytes) -> dict[str, Any] | None:
         return dict(json.loads(_whole_line(line)))
 
 
-def _mute(path: Path, failure: Exception) -> HardwareError:
-    return HardwareError(
-        f"{path}: the process that holds the bench does not answer ({failure}). Use the wired emergency stop, "
-        "then end that process"
-    )
-
-
 class _Server(socketserver.ThreadingMixIn, socketserver.UnixStreamServer):
     # A STOP ends the command that it stops, and often the process: who asked for it is answered first.
     daemon_threads, block_on_close = False, True
 
-    def __init__(self, path: str, bench: str, guard: Attended) -> None:
-        self.bench, self.guard = bench, guard
+    def __init__(
+        self, path: str, bench: str, guard: Attended, command: str, make_room: Callable[[], object] | None
+    ) -> None:
+        self.bench, self.guard, self.command, self.make_room = bench, guard, command, make_room
         super().__init__(path, _Answering)
 
 
@@ -159,10 +175,12 @@ class _Answering(socketserver.StreamRequestHandler):
             "release": lambda: {"state": guard.release().value},
             "status": lambda: status_object(guard.glance()),
         }
+        if (make_room := self.server.make_room) is not None:
+            answers["make room"] = lambda: _room_made(make_room)
         what = asked.get("what")
         if what not in answers:
             return {"refused": f"{what!r} is not understood here"}
-        return {"bench": bench, "pid": os.getpid(), **answers[str(what)]()}
+        return {"bench": bench, "pid": os.getpid(), "command": self.server.command, **answers[str(what)]()}
 
 
 def _whole_line(line: socket.socket) -> bytes:
@@ -175,11 +193,6 @@ def _whole_line(line: socket.socket) -> bytes:
     return found
 
 
-def _clear_stale(path: Path) -> None:
-    """Take away the socket of a process that was killed."""
-    holder = ask(path, "status")
-    if holder is not None:
-        raise HardwareError(
-            f"{holder['bench']}: process {holder['pid']} holds this bench. Wait until it is done, or stop it"
-        )
-    path.unlink(missing_ok=True)
+def _room_made(make_room: Callable[[], object]) -> dict[str, Any]:
+    make_room()
+    return {"makes_room": True}
