@@ -75,7 +75,7 @@ def holding(paths: Sequence[Path], bench: str, me: Holder, ask_to_yield: Callabl
     """Hold a bench while inside.
 
     Args:
-        paths: of the locks, one for each name by which the bench may be known.
+        paths: of the locks, one for each name by which the bench may be known; the surest last.
         bench: for people.
         me: written into the locks.
         ask_to_yield: asks a holder that only looks to make room; not called by one that only looks itself.
@@ -117,7 +117,8 @@ def holder_of(paths: Sequence[Path]) -> Holder | None:
 
 def _taken(held: ExitStack, paths: Sequence[Path], me: Holder) -> Holder | None:
     """Take all locks; who holds one, if somebody does."""
-    for path in paths:
+    # The surest name first: who has it gets the others, so that nobody meets one who is about to be refused himself.
+    for path in reversed(paths):
         other = _take(held, path, me)
         if other is not None:
             return other
