@@ -28,7 +28,8 @@ class InputError(RigError):
         self.where = where
         self.remedy = remedy
         text = f"{where}: {message}" if where else message
-        super().__init__(f"{text}. {remedy}" if remedy else text)
+        end = "" if text.endswith((".", "?", "!")) else "."
+        super().__init__(f"{text}{end} {remedy}" if remedy else text)
 
 
 class ImageGridError(InputError):

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -232,9 +233,127 @@ def test_a_stop_where_nobody_holds_the_bench_is_latched_for_those_who_come(
 
 def test_a_stop_needs_something_to_stop(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("stop") == 2
-    assert "no process of yours holds a bench. Name the bench file" in capsys.readouterr().err
+    told = "no process of yours holds a bench; those that are just starting will not move. Name the bench file"
+    assert told in capsys.readouterr().err
     assert run("stop", "--release") == 2
-    assert "which bench is to be released?" in capsys.readouterr().err
+    assert "which bench is to be released? Name its bench file" in capsys.readouterr().err
+
+
+def test_a_stop_of_all_keeps_a_command_from_moving_that_has_begun_and_holds_nothing_yet(
+    person: Person, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("stop") == 2
+    # This process has begun before that; one that begins a clock tick later has not.
+    time.sleep(2.0 / os.sysconf("SC_CLK_TCK"))
+    with person.running("move", person.bench, "--home", "--x-mm", 1) as later:
+        _, error = later.communicate(timeout=SOON_S)
+    assert later.returncode == 0, error
+    assert run("move", person.bench, "--home", "--x-mm", 2) == 3
+    assert f"STOP is latched (`rig stop`, process {os.getpid()}, 2" in capsys.readouterr().err
+    assert run("stop", person.bench, "--release") == 0
+
+
+def test_a_stop_is_released_by_the_command_that_it_names(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("stop", person.bench) == 0
+    release = f"rig stop {person.bench} --release"
+    assert f"nothing moves before it is released: {release}" in capsys.readouterr().out
+    assert run(*release.split()[1:]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith(f"{person.bench}: STOP is released (`rig stop`, process {os.getpid()}, 2")
+    assert told.count("process") == 1
+    assert run(*release.split()[1:]) == 0
+    assert "no STOP was latched" in capsys.readouterr().out
+
+
+def test_there_is_no_stop_to_release_on_a_bench_that_another_process_holds_unstopped(
+    person: Person, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with person.running("status", person.bench, "--watch", "--json") as watcher:
+        person.wait_until(lambda told: told["state"] == "unhomed")
+        assert run("stop", person.bench, "--release") == 0
+        assert "no STOP was latched" in capsys.readouterr().out
+        assert run("stop", person.bench) == 0
+        assert run("stop", person.bench, "--release") == 0
+        assert "STOP is released (`rig stop`" in capsys.readouterr().out
+        person.wait_until(lambda told: told["state"] == "unhomed")
+        watcher.send_signal(signal.SIGINT)
+        watcher.communicate(timeout=SOON_S)
+
+
+def test_a_stop_that_falls_into_the_start_of_a_command_stops_it(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with ExitStack() as stack:
+        movers: list[subprocess.Popen[str]] = []
+        ask = Attendance.ask
+
+        def look(attendance: Attendance, what: str, **details: str) -> dict[str, Any] | None:
+            if movers or what != "stop":
+                return ask(attendance, what, **details)
+            # Nobody holds the bench yet; and then somebody has already seen that no STOP is latched.
+            movers.append(stack.enter_context(person.running("move", person.bench, "--home", "--x-mm", 500)))
+            person.wait_until(moving)
+            return None
+
+        monkeypatch.setattr(Attendance, "ask", look)
+        assert run("stop", person.bench) == 0
+        _, error = movers[0].communicate(timeout=SOON_S)
+    assert movers[0].returncode == 3
+    assert "stopped by STOP (`rig stop`, process" in error
+    assert person.attendance.latch.note().startswith("`rig stop`")
+
+
+class Closing:
+    """A process that has closed its devices and is about to let the bench go; see `rig.runtime.line.Attended`."""
+
+    def glance(self) -> GuardStatus:
+        return GuardStatus(State.IDLE, "closing", None, None, 0.0, False, ())
+
+    def stop(self, by: str) -> StopReport:
+        return StopReport(None, confirmed=False, position_kept=False, trouble="pan: not connected")
+
+    def release(self) -> State:
+        raise AssertionError("not asked for")
+
+
+def test_a_stop_that_falls_into_the_end_of_a_command_is_sent_to_the_devices_once_that_has_ended(
+    person: Person, capsys: pytest.CaptureFixture[str]
+) -> None:
+    person.runtime.mkdir(mode=0o700)
+    listening, asked = threading.Event(), threading.Event()
+
+    class Ending(Closing):
+        def stop(self, by: str) -> StopReport:
+            asked.set()
+            return super().stop(by)
+
+    def end() -> None:
+        with person.attendance.listen(Ending()):
+            listening.set()
+            asked.wait(SOON_S)
+
+    thread = threading.Thread(target=end)
+    thread.start()
+    listening.wait(SOON_S)
+    assert run("stop", person.bench) == 0
+    thread.join()
+    assert "STOP: everything is at rest" in capsys.readouterr().out
+
+
+def test_a_process_that_does_not_answer_finds_the_stop_latched_where_it_goes_on(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.1)
+    with person.running("move", person.bench, "--home", "--x-mm", 500) as mover:
+        person.wait_until(moving)
+        mover.send_signal(signal.SIGSTOP)
+        assert run("stop", person.bench) == 3
+        told = capsys.readouterr().out
+        assert "STOP: NOT CONFIRMED: use the wired emergency stop" in told
+        assert f"process {mover.pid} (`" in told
+        mover.send_signal(signal.SIGCONT)
+        mover.communicate(timeout=SOON_S)
+    assert person.attendance.latch.note().startswith("`rig stop`")
 
 
 def with_a_wired_gantry(person: Person, port: str) -> None:
@@ -423,14 +542,13 @@ def test_a_status_that_is_watched_hinders_no_command_and_goes_on_with_what_that_
             out, error = mover.communicate(timeout=SOON_S)
         assert mover.returncode == 0, error
         assert json.loads(out)["pose"]["x_mm"] == 150.0
-        seen = [json.loads(watcher.stdout.readline())]
-        while "identities" not in seen[-1]:
-            seen.append(json.loads(watcher.stdout.readline()))
+        lines = map(json.loads, watcher.stdout)
+        first = next(told for told in lines if "pid" in told)
+        seen = [first, *takewhile(lambda told: "pid" in told, lines)]
         watcher.send_signal(signal.SIGINT)
         _, error = watcher.communicate(timeout=SOON_S)
-    assert {told["pid"] for told in seen[:-1]} == {mover.pid}
+    assert {told["pid"] for told in seen} == {mover.pid}  # and then the devices were asked again
     assert any(moving(told) for told in seen)
-    assert seen[-1]["state"] == "unhomed"  # asked of the devices again, once the mover has gone
     assert (watcher.returncode, error) == (0, "")
 
 

@@ -173,7 +173,7 @@ def test_a_stop_reaches_the_bench_whichever_name_its_port_has_been_given(
     assert not list(runtime.glob("*.sock"))
     asker.latch.clear()
     assert (holder.latch.note(), asker.latch.note()) == ("", "")
-    assert not list(runtime.iterdir())
+    assert [path.name for path in runtime.iterdir()] == ["all.stopped-at"]
 
 
 def test_a_stop_is_found_while_the_adapter_is_unplugged_and_after_it_has_got_another_number(

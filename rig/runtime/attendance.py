@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,7 @@ from rig.runtime.holding import Holder, holder_of, holding, this_process
 from rig.runtime.homing import FileHomingMemory
 from rig.runtime.latch import FileLatch
 from rig.runtime.line import Attended, MuteError, ask, listening
+from rig.runtime.starting import StopOfAll, begun_s
 from rig.runtime.telling import stop_object
 
 
@@ -44,12 +46,15 @@ class Attendance:
         keys = (key, *also)
         self._lines, self._bench = tuple(folder / f"{one}.sock" for one in keys), bench
         self._locks, self._make_room = tuple(folder / f"{one}.held" for one in keys), make_room
+        self._stop_of_all, self._begun_s = StopOfAll(folder), begun_s()
         self.latch = FileLatch(*(folder / f"{one}.stopped" for one in keys))
         self.homing = FileHomingMemory(folder / f"{keys[-1]}.homed")
 
     @contextmanager
     def listen(self, guard: Attended) -> Iterator[None]:
         """Hold the bench, and answer other processes, while inside.
+
+        Where all was stopped since this process began, or last held the bench, STOP is latched.
 
         Raises:
             BenchHeldError: another process holds it.
@@ -60,7 +65,13 @@ class Attendance:
             holding(self._locks, self._bench, me, self._ask_for_room),
             listening(self._lines, self._bench, guard, me.command, self._make_room),
         ):
-            yield
+            # Only now: who stops all looks for those that listen after he has left word for the others.
+            if by := self._stop_of_all.since(self._begun_s):
+                self.latch.set(by)
+            try:
+                yield
+            finally:
+                self._begun_s = time.monotonic()
 
     def holder(self) -> Holder | None:
         """Who holds the bench now; ``None`` if nobody does."""
@@ -89,6 +100,7 @@ class Attendance:
 def stop_held(folder: Path, by: str) -> list[dict[str, Any]]:
     """STOP all benches that processes hold, all at the same time, and return what they told.
 
+    Processes that have begun already, and hold nothing yet, will find STOP latched.
     Of a process that does not answer the report says so, and is not confirmed.
     """
     reports: list[dict[str, Any]] = []
@@ -101,6 +113,7 @@ def stop_held(folder: Path, by: str) -> list[dict[str, Any]]:
         if answer is not None:
             reports.append(answer)
 
+    StopOfAll(folder).set(by)
     # A link is another name of a bench that is there already.
     lines = [path for path in folder.glob("*.sock") if not path.is_symlink()]
     threads = [threading.Thread(target=stop, args=(path,), daemon=True) for path in lines]

@@ -38,7 +38,10 @@ class FileLatch:
 
     def set(self, note: str) -> str:
         """Latch, unless that is done already; returns what went wrong. Never raises."""
-        first = f"{' '.join(note.split())}, process {os.getpid()}, {self._now():%Y-%m-%d %H:%M:%S}"
+        who = " ".join(note.split())
+        # Who asked for it from another process has told which.
+        process = "" if "process " in who else f", process {os.getpid()}"
+        first = f"{who}{process}, {self._now():%Y-%m-%d %H:%M:%S}"
         lines = (first, *(path.name for path in self._paths))
         troubles = [_written(path, "\n".join(lines) + "\n") for path in self._paths]
         return next(filter(None, troubles), "")

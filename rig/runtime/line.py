@@ -171,7 +171,10 @@ class _Answering(socketserver.StreamRequestHandler):
     def _answer(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         guard, bench = self.server.guard, self.server.bench
         answers: dict[str, Callable[[], dict[str, Any]]] = {
-            "stop": lambda: stop_object(guard.stop(str(asked.get("by", "by another process")))),
+            "stop": lambda: {
+                "running": guard.glance().running,
+                **stop_object(guard.stop(str(asked.get("by", "by another process")))),
+            },
             "release": lambda: {"state": guard.release().value},
             "status": lambda: status_object(guard.glance()),
         }
