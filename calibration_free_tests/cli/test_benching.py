@@ -21,7 +21,7 @@ import pytest
 from calibration_free_tests.bench.plugins import ROOT, install
 from calibration_free_tests.guard.real_time import FIRMWARE
 from calibration_free_tests.guard.sample import bench as fresh_bench
-from rig.bench import load_bench
+from rig.bench import BenchConfig, load_bench
 from rig.cli.app import app
 from rig.devices import Identity, StopReport
 from rig.errors import HardwareError
@@ -337,6 +337,25 @@ def test_a_stop_that_falls_into_the_end_of_a_command_is_sent_to_the_devices_once
     listening.wait(SOON_S)
     assert run("stop", person.bench) == 0
     thread.join()
+    assert "STOP: everything is at rest" in capsys.readouterr().out
+
+
+def test_a_stop_that_finds_the_devices_taken_by_a_command_which_has_just_begun_is_confirmed_by_that(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Begun(Closing):
+        def stop(self, by: str) -> StopReport:
+            return StopReport(1.0, confirmed=True, position_kept=True)
+
+    taken = StopReport(None, confirmed=False, position_kept=False, trouble="gantry: in use by process 5")
+    with ExitStack() as stack:
+
+        def directly(config: BenchConfig, by: str) -> StopReport:
+            stack.enter_context(person.attendance.listen(Begun()))
+            return taken
+
+        monkeypatch.setattr("rig.bench.stop_directly", directly)
+        assert run("stop", person.bench) == 0
     assert "STOP: everything is at rest" in capsys.readouterr().out
 
 

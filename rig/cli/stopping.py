@@ -97,24 +97,26 @@ def _stop(bench: Path) -> dict[str, Any]:
     config = load_bench(bench)
     attendance, by = attendance_of(config), f"`rig stop`, process {os.getpid()}"
 
-    def directly() -> dict[str, Any]:
-        return {"bench": config.name, **stop_object(stop_directly(config, by))}
-
     try:
         answer = attendance.ask("stop", by=by)
         if answer is None:
             attendance.latch.set(by)
             answer = attendance.ask("stop", by=by)
+        if answer is None or _was_closing(answer, attendance):
+            answer = {"bench": config.name, **stop_object(stop_directly(config, by))}
+            if not answer["confirmed"]:
+                # Whoever has opened the devices before us finds the latch, and can tell that they are at rest.
+                answer = attendance.ask("stop", by=by) or answer
     except RigError as error:
         # It does not answer, and must find the latch where it ever goes on.
         trouble = "; ".join(filter(None, (str(error), attendance.latch.set(by))))
         return {"bench": config.name, **stop_object(StopReport(None, False, False, trouble))}
-    if answer is None:
-        return directly()
-    if not answer["confirmed"] and answer["running"] == "closing" and _is_let_go(attendance):
-        # It moved nothing any more, and could not tell how devices are that it had just closed.
-        return directly()
     return answer
+
+
+def _was_closing(answer: dict[str, Any], attendance: Attendance) -> bool:
+    """The command that was stopped moved nothing any more, and could not tell how devices are that it had closed."""
+    return not answer["confirmed"] and answer["running"] == "closing" and _is_let_go(attendance)
 
 
 def _is_let_go(attendance: Attendance) -> bool:
