@@ -306,8 +306,10 @@ def test_a_stop_that_falls_into_the_start_of_a_command_stops_it(
 class Closing:
     """A process that has closed its devices and is about to let the bench go; see `rig.runtime.line.Attended`."""
 
+    running = "closing"
+
     def glance(self) -> GuardStatus:
-        return GuardStatus(State.IDLE, "closing", None, None, 0.0, False, ())
+        return GuardStatus(State.IDLE, self.running, None, None, 0.0, False, ())
 
     def stop(self, by: str) -> StopReport:
         return StopReport(None, confirmed=False, position_kept=False, trouble="pan: not connected")
@@ -340,22 +342,66 @@ def test_a_stop_that_falls_into_the_end_of_a_command_is_sent_to_the_devices_once
     assert "STOP: everything is at rest" in capsys.readouterr().out
 
 
-def test_a_stop_that_finds_the_devices_taken_by_a_command_which_has_just_begun_is_confirmed_by_that(
+def test_a_stop_of_a_command_that_is_still_connecting_is_told_once_it_knows_all_devices(
+    person: Person, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Connecting(Closing):
+        running = "connecting"
+
+        def stop(self, by: str) -> StopReport:
+            told = super().stop(by) if self.running else StopReport(1.0, confirmed=True, position_kept=True)
+            self.running = ""
+            return told
+
+    person.runtime.mkdir(mode=0o700)
+    with person.attendance.listen(Connecting()):
+        assert run("stop", person.bench) == 0
+    assert "STOP: everything is at rest" in capsys.readouterr().out
+
+
+def test_a_stop_that_a_command_gets_ahead_of_is_asked_of_that_command(
     person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class Begun(Closing):
         def stop(self, by: str) -> StopReport:
             return StopReport(1.0, confirmed=True, position_kept=True)
 
-    taken = StopReport(None, confirmed=False, position_kept=False, trouble="gantry: in use by process 5")
+    hold, holds = Attendance.hold, []
     with ExitStack() as stack:
 
-        def directly(config: BenchConfig, by: str) -> StopReport:
-            stack.enter_context(person.attendance.listen(Begun()))
-            return taken
+        @contextmanager
+        def ahead(attendance: Attendance) -> Iterator[None]:
+            holds.append(attendance)
+            if len(holds) == 1:
+                stack.enter_context(person.attendance.listen(Begun()))
+            with hold(attendance):
+                yield
 
-        monkeypatch.setattr("rig.bench.stop_directly", directly)
+        monkeypatch.setattr(Attendance, "hold", ahead)
+        monkeypatch.setattr("rig.bench.stop_directly", lambda *_: pytest.fail("its devices are another's"))
         assert run("stop", person.bench) == 0
+    assert "STOP: everything is at rest" in capsys.readouterr().out
+
+
+def test_no_command_opens_the_devices_while_a_stop_does(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    holders = []
+
+    def directly(config: BenchConfig, by: str) -> StopReport:
+        holders.append(person.attendance.holder())
+        return StopReport(1.0, confirmed=True, position_kept=True)
+
+    monkeypatch.setattr("rig.bench.stop_directly", directly)
+    assert run("stop", person.bench) == 0
+    assert [holder is not None and holder.pid == os.getpid() for holder in holders] == [True]
+    assert person.attendance.latch.note()
+
+
+def test_a_stop_goes_out_though_the_bench_cannot_be_held(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
+    person.runtime.mkdir(mode=0o700)
+    (person.runtime / f"{load_bench(person.bench).key}.held").mkdir()
+    assert run("stop", person.bench) == 0
     assert "STOP: everything is at rest" in capsys.readouterr().out
 
 

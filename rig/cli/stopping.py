@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,11 +13,10 @@ from rig.cli.help import example
 from rig.cli.showing import Json, print_json
 
 if TYPE_CHECKING:
+    from rig.bench import BenchConfig
     from rig.runtime import Attendance
 
 HARDWARE_FAULT = 3
-ENDING_S = 3.0
-"""How long a command that was stopped may take to close its devices."""
 
 
 def register(app: typer.Typer) -> None:
@@ -85,50 +85,48 @@ def _stop_all() -> list[dict[str, Any]]:
 def _stop(bench: Path) -> dict[str, Any]:
     """STOP a bench at whatever moment of another command's life.
 
-    Who listens for a STOP does so before it looks for the latch. So whoever is not found the second time finds it.
+    Such a command listens before it looks for the latch: who is not found listening once that is set will find it.
     """
     import os
 
-    from rig.bench import attendance_of, load_bench, stop_directly
+    from rig.bench import attendance_of, load_bench
     from rig.devices import StopReport
     from rig.errors import RigError
     from rig.runtime import stop_object
 
     config = load_bench(bench)
     attendance, by = attendance_of(config), f"`rig stop`, process {os.getpid()}"
-
     try:
-        answer = attendance.ask("stop", by=by)
+        answer = attendance.stop(by)
         if answer is None:
             attendance.latch.set(by)
-            answer = attendance.ask("stop", by=by)
-        if answer is None or _was_closing(answer, attendance):
-            answer = {"bench": config.name, **stop_object(stop_directly(config, by))}
-            if not answer["confirmed"]:
-                # Whoever has opened the devices before us finds the latch, and can tell that they are at rest.
-                answer = attendance.ask("stop", by=by) or answer
+            answer = _asked_or_directly(config, attendance, by)
+        return answer
     except RigError as error:
         # It does not answer, and must find the latch where it ever goes on.
         trouble = "; ".join(filter(None, (str(error), attendance.latch.set(by))))
         return {"bench": config.name, **stop_object(StopReport(None, False, False, trouble))}
-    return answer
 
 
-def _was_closing(answer: dict[str, Any], attendance: Attendance) -> bool:
-    """The command that was stopped moved nothing any more, and could not tell how devices are that it had closed."""
-    return not answer["confirmed"] and answer["running"] == "closing" and _is_let_go(attendance)
-
-
-def _is_let_go(attendance: Attendance) -> bool:
-    """The process that held the bench ends soon."""
+def _asked_or_directly(config: BenchConfig, attendance: Attendance, by: str) -> dict[str, Any]:
+    """Ask who holds the bench, or else hold it and tell the devices, so that nobody opens them meanwhile."""
     import time
 
-    until_s = time.monotonic() + ENDING_S
-    while attendance.holder() is not None:
-        if time.monotonic() > until_s:
-            return False
-        time.sleep(0.05)
-    return True
+    from rig.bench import stop_directly
+    from rig.errors import HardwareError
+    from rig.runtime import PASSING_S, BenchHeldError, stop_object
+
+    until_s = time.monotonic() + PASSING_S
+    while (answer := attendance.stop(by)) is None:
+        with ExitStack() as held:
+            try:
+                held.enter_context(attendance.hold())
+            except HardwareError as error:
+                # Held by one who is just beginning or ending: it will soon listen, or be gone.
+                if isinstance(error, BenchHeldError) and time.monotonic() < until_s:
+                    continue
+            return {"bench": config.name, **stop_object(stop_directly(config, by))}
+    return answer
 
 
 def _release(bench: Path, as_json: bool) -> None:

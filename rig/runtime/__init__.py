@@ -1,6 +1,6 @@
 """What processes that use one live bench tell each other: who holds it, that it is stopped, that it is homed."""
 
-from rig.runtime.attendance import Attendance, stop_held
+from rig.runtime.attendance import PASSING_S, Attendance, stop_held
 from rig.runtime.folder import runtime_folder
 from rig.runtime.holding import BenchHeldError, Holder
 from rig.runtime.homing import FileHomingMemory
@@ -9,6 +9,7 @@ from rig.runtime.line import ask, listening
 from rig.runtime.telling import status_object, stop_object
 
 __all__ = [
+    "PASSING_S",
     "Attendance",
     "BenchHeldError",
     "FileHomingMemory",

@@ -18,6 +18,10 @@ from rig.runtime.line import Attended, MuteError, ask, listening
 from rig.runtime.starting import StopOfAll, begun_s
 from rig.runtime.telling import stop_object
 
+PASSING_S = 5.0
+"""How long a command may take to open its devices, or to close them."""
+_AGAIN_S = 0.1
+
 
 class Attendance:
     """One bench in the runtime folder.
@@ -60,11 +64,8 @@ class Attendance:
             BenchHeldError: another process holds it.
             InputError: the socket cannot be made.
         """
-        me = this_process(yields=self._make_room is not None)
-        with (
-            holding(self._locks, self._bench, me, self._ask_for_room),
-            listening(self._lines, self._bench, guard, me.command, self._make_room),
-        ):
+        command = this_process().command
+        with self.hold(), listening(self._lines, self._bench, guard, command, self._make_room):
             # Only now: who stops all looks for those that listen after he has left word for the others.
             if by := self._stop_of_all.since(self._begun_s):
                 self.latch.set(by)
@@ -72,6 +73,17 @@ class Attendance:
                 yield
             finally:
                 self._begun_s = time.monotonic()
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Hold the bench while inside, and answer nobody.
+
+        Raises:
+            BenchHeldError: another process holds it.
+        """
+        me = this_process(yields=self._make_room is not None)
+        with holding(self._locks, self._bench, me, self._ask_for_room):
+            yield
 
     def holder(self) -> Holder | None:
         """Who holds the bench now; ``None`` if nobody does."""
@@ -91,6 +103,14 @@ class Attendance:
             holder = self.holder() or Holder()
             raise MuteError(f"{self._bench}: {holder.words}", error.why) from error
 
+    def stop(self, by: str) -> dict[str, Any] | None:
+        """STOP by the process that holds the bench; what it told, or ``None`` if none does any more.
+
+        Raises:
+            MuteError: as `ask`.
+        """
+        return _told_all(lambda: self.ask("stop", by=by))[-1]
+
     def _ask_for_room(self) -> None:
         # Who does not answer, or does not understand, keeps the bench; that is told where it is not free in time.
         with suppress(RigError):
@@ -107,11 +127,11 @@ def stop_held(folder: Path, by: str) -> list[dict[str, Any]]:
 
     def stop(path: Path) -> None:
         try:
-            answer = ask(path, "stop", by=by)
+            answers = _told_all(lambda: ask(path, "stop", by=by))
         except RigError as error:
-            answer = {"bench": str(path), **stop_object(StopReport(None, False, False, str(error)))}
-        if answer is not None:
-            reports.append(answer)
+            answers = [{"bench": str(path), **stop_object(StopReport(None, False, False, str(error)))}]
+        # Who has gone meanwhile told what it knew before.
+        reports.extend(list(filter(None, answers))[-1:])
 
     StopOfAll(folder).set(by)
     # A link is another name of a bench that is there already.
@@ -122,3 +142,18 @@ def stop_held(folder: Path, by: str) -> list[dict[str, Any]]:
     for thread in threads:
         thread.join()
     return sorted(reports, key=lambda report: str(report["bench"]))
+
+
+def _told_all(stop: Callable[[], dict[str, Any] | None]) -> list[dict[str, Any] | None]:
+    """Ask for a STOP until who is asked knows all devices, or is gone; what it told each time.
+
+    One that is still connecting, or is closing, moves nothing, and cannot tell how its devices are.
+    """
+    until_s = time.monotonic() + PASSING_S
+    answers = [stop()]
+    while (last := answers[-1]) and not last["confirmed"] and last["running"] in ("connecting", "closing"):
+        if time.monotonic() > until_s:
+            break
+        time.sleep(_AGAIN_S)
+        answers.append(stop())
+    return answers
