@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -96,6 +97,7 @@ def open_live(
         memory=attendance.homing,
         latch=attendance.latch,
         company=(attendance.listen,),
+        bench=shlex.quote(config.name),
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from drivers.combined import CombinedRig
 from rig.devices import StopReport
+from rig.guard import remedies
 from rig.guard.errors import HeldError, StoppedError
 from rig.guard.machine import Machine
 
@@ -41,7 +42,7 @@ def broken_off(machine: Machine) -> StoppedError | HeldError | None:
     """The STOP or the hold that has come since a command began, as the error that ends it."""
     note = machine.stop_note
     if note:
-        return StoppedError(f"stopped by STOP ({note}). Release it by hand before anything moves")
+        return StoppedError(f"stopped by STOP ({note}). {remedies.release(machine.bench)}")
     if machine.hold_asked:
-        return HeldError("motion was held before it had ended. Resume it, then command it again")
+        return HeldError("motion was held before it had ended. Command it again (in `rig jog` resume first: R)")
     return None

@@ -15,6 +15,7 @@ from typing import Any
 from drivers.combined import CombinedRig
 from rig.devices import Clock, Identity, Motion, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
+from rig.guard import remedies
 from rig.guard.activity import HOMED_OR_NOT, Activities
 from rig.guard.errors import RefusedError
 from rig.guard.link import Companion, Link
@@ -39,6 +40,7 @@ class Guard:
         company: contexts that are entered before the devices are connected and left after they are closed, e.g. who
             listens for a STOP from other processes.
         seen: is told every transition of the state.
+        bench: its file, for messages that name commands.
     """
 
     def __init__(
@@ -51,9 +53,10 @@ class Guard:
         latch: StopLatch | None = None,
         company: Sequence[Companion] = (),
         seen: Seen = lambda source, event, target: None,
+        bench: str = remedies.BENCH,
     ) -> None:
         self._rig, self.rules, self.clock = rig, rules, clock
-        self._machine = Machine(seen)
+        self._machine = Machine(seen, bench)
         self._watch = Watch(rig, rules, clock, self._machine, memory, latch)
         self._activities = Activities(rig, self._machine, self._watch, clock)
         self._link = Link(rig, self._machine, self._watch, latch, company)
@@ -349,10 +352,11 @@ class Guard:
             if not abs(getattr(step, axis)) <= longest:
                 raise UnreachableError(
                     f"d{axis} = {getattr(step, axis):g} is more than {longest:g}, the longest jog before homing "
-                    "(safety.unhomed_jog_mm). Home it first (`rig home`)"
+                    f"(safety.unhomed_jog_mm). {remedies.out_of(State.UNHOMED, self._machine.bench)}"
                 )
         if step.theta_deg or step.zoom:
-            raise RefusedError("before homing only the gantry can be jogged. Home it first (`rig home`)")
+            remedy = remedies.out_of(State.UNHOMED, self._machine.bench)
+            raise RefusedError(f"before homing only the gantry can be jogged. {remedy}")
         gantry = self._watch.ask().gantry
         if gantry is not None and gantry.homed and gantry.position_mm is not None:
             start = RigPose(*self._rig.place_of(gantry.position_mm), 0.0)

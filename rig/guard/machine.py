@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from rig.guard import remedies
 from rig.guard.errors import BusyError, HeldError, RefusedError, StoppedError
-from rig.guard.states import ACTIVITIES, BY_CAUSE, IN_MOTION, MEANINGS, REMEDIES, Event, State
+from rig.guard.states import ACTIVITIES, BY_CAUSE, IN_MOTION, MEANINGS, Event, State
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +29,15 @@ class Machine:
 
     Args:
         seen: is told every transition.
+        bench: its file, for messages that name commands.
     """
 
-    def __init__(self, seen: Callable[[State, Event, State], None] = lambda source, event, target: None) -> None:
+    def __init__(
+        self,
+        seen: Callable[[State, Event, State], None] = lambda source, event, target: None,
+        bench: str = remedies.BENCH,
+    ) -> None:
+        self.bench = bench
         self._state = State.DISCONNECTED
         self._lock = threading.Lock()
         self._ended = threading.Condition(self._lock)
@@ -102,13 +109,13 @@ class Machine:
             RefusedError: the table has no such transition; tells the state and what to do.
         """
         if self._stop_note and event is not Event.RELEASE:
-            raise StoppedError(f"STOP is latched ({self._stop_note}). Release it by hand before anything moves")
+            raise StoppedError(f"STOP is latched ({self._stop_note}). {remedies.release(self.bench)}")
         state = self._state
         if (state, event) in BY_CAUSE:
             return
+        remedy = remedies.out_of(state, self.bench)
         if state is State.HELD:
-            raise HeldError("motion is held. Resume it first")
-        remedy = REMEDIES.get(state)
+            raise HeldError(f"motion is held. {remedy}")
         because = f"{event.value} is not possible while {state.value} ({MEANINGS[state]})"
         raise RefusedError(f"{because}. {remedy}" if remedy else because)
 

@@ -102,13 +102,6 @@ MEANINGS: dict[State, str] = {
     State.STOPPED: "STOP is latched until it is released by hand",
 }
 
-REMEDIES: dict[State, str] = {
-    State.DISCONNECTED: "Connect it first",
-    State.UNHOMED: "Home it first (`rig home`, or `--home`)",
-    State.HELD: "Resume it first",
-    State.ALARM: "Look what is wrong, then unlock it or home it",
-}
-
 
 def table_markdown() -> str:
     """The states and the table as docs/safety.md has them."""

@@ -10,6 +10,7 @@ from typing import Protocol
 from drivers.combined import CombinedRig, RigStatus
 from rig.devices import Clock, Identity, Motion, StopReport, Triple
 from rig.errors import HardwareError
+from rig.guard import remedies
 from rig.guard.errors import RefusedError
 from rig.guard.machine import Machine
 from rig.guard.rules import Rules
@@ -268,7 +269,8 @@ class Watch:
             RefusedError: not known.
         """
         if self.at is None:
-            raise RefusedError("where the rig stands is not known. Connect and home it first (`rig home`)")
+            remedy = remedies.find_place(self._rig.last_status(), self._machine.bench)
+            raise RefusedError(f"where the rig stands is not known. {remedy}")
         return self.at
 
     def remember(self) -> None:

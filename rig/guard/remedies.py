@@ -1,0 +1,36 @@
+"""What helps out of a state, as the command or key that a person would use."""
+
+from __future__ import annotations
+
+from drivers.combined import NAMES, RigStatus
+from rig.guard.states import State
+
+BENCH = "BENCH"
+"""Stands for the bench file where its name is not known."""
+_BY_STATE: dict[State, str] = {
+    State.DISCONNECTED: "Connect it first (N in `rig jog`, or the command once more)",
+    State.UNHOMED: "Home it first (`rig home {bench}`, or `--home`)",
+    State.HELD: "Resume it first (R in `rig jog`)",
+    State.ALARM: "Look what is wrong, then unlock it or home it (U or H in `rig jog {bench}`, or `rig home {bench}`)",
+}
+
+
+def out_of(state: State, bench: str) -> str:
+    """What to do where a state does not allow a command; empty where only waiting helps."""
+    return _BY_STATE.get(state, "").format(bench=bench)
+
+
+def release(bench: str) -> str:
+    """How a STOP is undone."""
+    return f"Release it by hand before anything moves: `rig stop {bench} --release`"
+
+
+def find_place(status: RigStatus | None, bench: str) -> str:
+    """How the rig gets to know where it stands: home the gantry, say where axes stand that have lost their count."""
+    lost = [] if status is None else [axis for axis, told in status.axes.items() if not told.referenced]
+    if not lost:
+        return f"Connect and home it first (`rig home {bench}`)"
+    names = " and the ".join(NAMES[axis] for axis in lost)
+    options = " ".join(f"--{axis.replace('_', '-')} 0" for axis in lost)
+    stands = "stands" if len(lost) == 1 else "stand"
+    return f"Look where the {names} {stands} and say it; if at 0: `rig home {bench} {options}`"
