@@ -78,7 +78,7 @@ POINTS = {
             CONNECTING: ("test_a_second_process_is_refused_with_the_holders_number",),
             "gantry/test_pty.py": ("test_a_second_process_is_refused_on_a_real_terminal",),
             PORT: ("test_point_6_a_second_process_is_refused_and_told_who_has_the_port",),
-            "cli/test_benching.py": (
+            "cli/test_sharing.py": (
                 "test_a_second_process_is_refused_with_the_name_of_the_first_and_disturbs_nothing",
             ),
         },

@@ -1,115 +1,19 @@
-"""``rig home``, ``move``, ``status``, ``stop`` and ``capture``, as people, scripts and second processes meet them."""
+"""``rig home``, ``move``, ``status`` and ``capture``, as people and scripts meet them, and Ctrl-C."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
-import socket
-import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
-from itertools import takewhile
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from calibration_free_tests.bench.plugins import ROOT, install
-from calibration_free_tests.guard.real_time import FIRMWARE
+from calibration_free_tests.cli.person import BENCH, SOON_S, Person, moving, run
 from calibration_free_tests.guard.sample import bench as fresh_bench
-from rig.bench import BenchConfig, load_bench
-from rig.cli.app import app
-from rig.devices import Identity, StopReport
-from rig.errors import HardwareError
-from rig.guard import GuardStatus, State
 from rig.imagegrid import read_grid
-from rig.runtime import Attendance
-from sim_backends.grbl_emulator.machine import GrblMachine
-from sim_backends.pty_server import PtyServer
-from sim_backends.simple_devices import SimpleAxis, SimpleGantry
-from sim_backends.wired_device import WiredDevice
-
-SOON_S = 20.0
-BENCH = """\
-schema: 1
-kind: live
-devices:
-  gantry: {driver: simple, upper_mm: [500.0, 400.0, 300.0], speed_mm_per_s: 100.0, home_s: 0.05}
-  pan: {driver: simple, speed_per_s: 90.0}
-  camera: {driver: simple}
-axes:
-  x_mm: {lower: 0, upper: 500, speed_mm_per_s: 100}
-  y_mm: {lower: 0, upper: 400, speed_mm_per_s: 100}
-  z_mm: {lower: 0, upper: 300, speed_mm_per_s: 100}
-  theta_deg: {lower: -90, upper: 90, speed_deg_per_s: 90}
-"""
-
-
-class Person:
-    """Sits at a computer with drivers, a runtime folder and a bench file."""
-
-    def __init__(self, folder: Path, plugins: Path) -> None:
-        self.folder = folder
-        self.bench = folder / "bench.yaml"
-        self.bench.write_text(BENCH)
-        self.environment: Mapping[str, str] = os.environ | {
-            "PYTHONPATH": f"{ROOT}{os.pathsep}{plugins}",
-            "RIG_RUNTIME_DIR": str(self.runtime),
-        }
-
-    @property
-    def runtime(self) -> Path:
-        return self.folder / "rig"
-
-    @property
-    def attendance(self) -> Attendance:
-        return Attendance(self.runtime, load_bench(self.bench).key, "bench")
-
-    @contextmanager
-    def running(self, *arguments: object) -> Iterator[subprocess.Popen[str]]:
-        """`rig` in a process of its own."""
-        command = [sys.executable, "-m", "rig.cli.app", *map(str, arguments)]
-        streams: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        with subprocess.Popen(command, cwd=self.folder, env=self.environment, **streams) as process:
-            try:
-                yield process
-            finally:
-                process.kill()
-
-    def wait_until(self, true_of: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Until the process that holds the bench says so."""
-        deadline_s = time.monotonic() + SOON_S
-        while time.monotonic() < deadline_s:
-            told = self.attendance.ask("status")
-            if told is not None and true_of(told):
-                return told
-            time.sleep(0.02)
-        raise AssertionError("it never was so")
-
-
-@pytest.fixture
-def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
-    plugins = install(tmp_path / "drivers")
-    monkeypatch.syspath_prepend(str(plugins))
-    monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "rig"))
-    return Person(tmp_path, plugins)
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as end:
-        app([*map(str, arguments)], prog_name="rig")
-    return int(end.value.code or 0)
-
-
-def moving(told: dict[str, Any]) -> bool:
-    return bool(told["state"] == "moving" and "a move" in told["running"])
-
-
-# One person, one process.
 
 
 def test_homing_tells_where_it_stands_and_what_each_device_is(
@@ -134,6 +38,12 @@ def test_a_bench_that_was_just_switched_on_is_homed_and_referenced_by_one_comman
     made.gantry.raise_alarm(11)  # as a controller is that wants to be homed
     made.pan.lose_power()
     monkeypatch.setattr("rig.bench.open_live", lambda config: made.guard)
+    assert run("home", person.bench) == 1
+    told, error = capsys.readouterr()
+    assert "state   unhomed" in told
+    assert "Look where the pan stands and say it; if at 0: `rig home BENCH --theta-deg 0`" in error
+    assert run("home", person.bench, "--json") == 1
+    assert json.loads(capsys.readouterr().out)["exit_code"] == 1
     assert run("home", person.bench, "--theta-deg", 30, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["state"], told["pose"]["theta_deg"]) == ("idle", 30.0)
@@ -168,12 +78,46 @@ def test_what_cannot_be_done_is_told_in_one_message_and_an_exit_code(
     assert out == ""
     assert error.startswith("rig: ")
     assert told in error
+    assert run("move", person.bench, *arguments, "--json") == code
+    out, again = capsys.readouterr()
+    assert again == error
+    assert json.loads(out) == {"error": error.removeprefix("rig: ").removesuffix("\n"), "exit_code": code}
+
+
+@pytest.mark.parametrize("arguments", [[], ["--home"], ["--by"]])
+def test_a_move_of_no_axis_is_refused_with_the_names_of_all(
+    person: Person, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    assert run("move", person.bench, *arguments) == 2
+    told = capsys.readouterr().err
+    assert "nothing is to be moved. Name one axis or more: --x-mm, --y-mm, --z-mm, --theta-deg, --zoom" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["status", "missing.yaml"], "missing.yaml: there is no such file"),
+        (["move", "bench.yaml", "--w-mm", "5"], "No such option: --w-mm"),
+        (["home"], "Missing argument 'BENCH'"),
+        (["stop"], "no process of yours holds a bench"),
+        (["scan", "missing.yaml"], "missing.yaml: there is no such file"),
+    ],
+)
+def test_with_json_an_error_is_one_object_on_stdout_too(
+    person: Person, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
+) -> None:
+    assert run(*arguments, "--json") == 2
+    out, error = capsys.readouterr()
+    found = json.loads(out)
+    assert found["exit_code"] == 2
+    assert told in found["error"]
+    assert told in error
 
 
 def test_a_mock_bench_moves_nothing_by_hand(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
     person.bench.write_text("schema: 1\nkind: mock\n")
-    for command in ("home", "move", "status", "stop"):
-        assert run(command, person.bench) == 2
+    for command in (["home"], ["move", "--x-mm", 5], ["status"], ["stop"]):
+        assert run(*command, person.bench) == 2
         assert "this is a mock bench: nothing moves there" in capsys.readouterr().err
 
 
@@ -192,6 +136,7 @@ def test_pictures_by_hand_are_kept_in_one_image_grid_with_their_poses(
     folder = person.folder / "by-hand"
     assert run("capture", person.bench, "--out", folder, "--home", "--x-mm", 900) == 2
     assert "x_mm = 900 is outside 0 .. 500" in capsys.readouterr().err
+    assert not folder.exists()
     for x_mm in (3.0, 4.0):
         assert run("capture", person.bench, "--out", folder, "--home", "--x-mm", x_mm, "--json") == 0
         told = json.loads(capsys.readouterr().out)
@@ -213,475 +158,7 @@ def test_a_scan_homes_first_where_it_is_told_to_and_refuses_to_begin_unhomed(
     assert [frame.pose.x_mm for frame in read_grid(person.folder / "homed").frames] == [10.0, 20.0]
 
 
-# STOP.
-
-
-def test_a_stop_where_nobody_holds_the_bench_is_latched_for_those_who_come(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    # A simple device that is not connected has nothing to stop, and says that it is at rest.
-    assert run("stop", person.bench, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["confirmed"]
-    assert run("home", person.bench) == 3
-    assert "STOP is latched (`rig stop`, process" in capsys.readouterr().err
-    assert run("status", person.bench) == 0
-    assert "state   stopped" in capsys.readouterr().out
-    assert run("stop", person.bench, "--release") == 0
-    assert "STOP is released" in capsys.readouterr().out
-    assert run("home", person.bench) == 0
-
-
-def test_a_stop_needs_something_to_stop(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("stop") == 2
-    told = "no process of yours holds a bench; those that are just starting will not move. Name the bench file"
-    assert told in capsys.readouterr().err
-    assert run("stop", "--release") == 2
-    assert "which bench is to be released? Name its bench file" in capsys.readouterr().err
-
-
-def test_a_stop_of_all_keeps_a_command_from_moving_that_has_begun_and_holds_nothing_yet(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("stop") == 2
-    # This process has begun before that; one that begins a clock tick later has not.
-    time.sleep(2.0 / os.sysconf("SC_CLK_TCK"))
-    with person.running("move", person.bench, "--home", "--x-mm", 1) as later:
-        _, error = later.communicate(timeout=SOON_S)
-    assert later.returncode == 0, error
-    assert run("move", person.bench, "--home", "--x-mm", 2) == 3
-    assert f"STOP is latched (`rig stop`, process {os.getpid()}, 2" in capsys.readouterr().err
-    assert run("stop", person.bench, "--release") == 0
-
-
-def test_a_stop_is_released_by_the_command_that_it_names(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("stop", person.bench) == 0
-    release = f"rig stop {person.bench} --release"
-    assert f"nothing moves before it is released: {release}" in capsys.readouterr().out
-    assert run(*release.split()[1:]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"{person.bench}: STOP is released (`rig stop`, process {os.getpid()}, 2")
-    assert told.count("process") == 1
-    assert run(*release.split()[1:]) == 0
-    assert "no STOP was latched" in capsys.readouterr().out
-
-
-def test_there_is_no_stop_to_release_on_a_bench_that_another_process_holds_unstopped(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with person.running("status", person.bench, "--watch", "--json") as watcher:
-        person.wait_until(lambda told: told["state"] == "unhomed")
-        assert run("stop", person.bench, "--release") == 0
-        assert "no STOP was latched" in capsys.readouterr().out
-        assert run("stop", person.bench) == 0
-        assert run("stop", person.bench, "--release") == 0
-        assert "STOP is released (`rig stop`" in capsys.readouterr().out
-        person.wait_until(lambda told: told["state"] == "unhomed")
-        watcher.send_signal(signal.SIGINT)
-        watcher.communicate(timeout=SOON_S)
-
-
-def test_a_stop_that_falls_into_the_start_of_a_command_stops_it(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with ExitStack() as stack:
-        movers: list[subprocess.Popen[str]] = []
-        ask = Attendance.ask
-
-        def look(attendance: Attendance, what: str, **details: str) -> dict[str, Any] | None:
-            if movers or what != "stop":
-                return ask(attendance, what, **details)
-            # Nobody holds the bench yet; and then somebody has already seen that no STOP is latched.
-            movers.append(stack.enter_context(person.running("move", person.bench, "--home", "--x-mm", 500)))
-            person.wait_until(moving)
-            return None
-
-        monkeypatch.setattr(Attendance, "ask", look)
-        assert run("stop", person.bench) == 0
-        _, error = movers[0].communicate(timeout=SOON_S)
-    assert movers[0].returncode == 3
-    assert "stopped by STOP (`rig stop`, process" in error
-    assert person.attendance.latch.note().startswith("`rig stop`")
-
-
-class Closing:
-    """A process that has closed its devices and is about to let the bench go; see `rig.runtime.line.Attended`."""
-
-    running = "closing"
-
-    def glance(self) -> GuardStatus:
-        return GuardStatus(State.IDLE, self.running, None, None, 0.0, False, ())
-
-    def stop(self, by: str) -> StopReport:
-        return StopReport(None, confirmed=False, position_kept=False, trouble="pan: not connected")
-
-    def release(self) -> State:
-        raise AssertionError("not asked for")
-
-
-def test_a_stop_that_falls_into_the_end_of_a_command_is_sent_to_the_devices_once_that_has_ended(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    person.runtime.mkdir(mode=0o700)
-    listening, asked = threading.Event(), threading.Event()
-
-    class Ending(Closing):
-        def stop(self, by: str) -> StopReport:
-            asked.set()
-            return super().stop(by)
-
-    def end() -> None:
-        with person.attendance.listen(Ending()):
-            listening.set()
-            asked.wait(SOON_S)
-
-    thread = threading.Thread(target=end)
-    thread.start()
-    listening.wait(SOON_S)
-    assert run("stop", person.bench) == 0
-    thread.join()
-    assert "STOP: everything is at rest" in capsys.readouterr().out
-
-
-def test_a_stop_of_a_command_that_is_still_connecting_is_told_once_it_knows_all_devices(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class Connecting(Closing):
-        running = "connecting"
-
-        def stop(self, by: str) -> StopReport:
-            told = super().stop(by) if self.running else StopReport(1.0, confirmed=True, position_kept=True)
-            self.running = ""
-            return told
-
-    person.runtime.mkdir(mode=0o700)
-    with person.attendance.listen(Connecting()):
-        assert run("stop", person.bench) == 0
-    assert "STOP: everything is at rest" in capsys.readouterr().out
-
-
-def test_a_stop_that_a_command_gets_ahead_of_is_asked_of_that_command(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class Begun(Closing):
-        def stop(self, by: str) -> StopReport:
-            return StopReport(1.0, confirmed=True, position_kept=True)
-
-    hold, holds = Attendance.hold, []
-    with ExitStack() as stack:
-
-        @contextmanager
-        def ahead(attendance: Attendance) -> Iterator[None]:
-            holds.append(attendance)
-            if len(holds) == 1:
-                stack.enter_context(person.attendance.listen(Begun()))
-            with hold(attendance):
-                yield
-
-        monkeypatch.setattr(Attendance, "hold", ahead)
-        monkeypatch.setattr("rig.bench.stop_directly", lambda *_: pytest.fail("its devices are another's"))
-        assert run("stop", person.bench) == 0
-    assert "STOP: everything is at rest" in capsys.readouterr().out
-
-
-def test_no_command_opens_the_devices_while_a_stop_does(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    holders = []
-
-    def directly(config: BenchConfig, by: str) -> StopReport:
-        holders.append(person.attendance.holder())
-        return StopReport(1.0, confirmed=True, position_kept=True)
-
-    monkeypatch.setattr("rig.bench.stop_directly", directly)
-    assert run("stop", person.bench) == 0
-    assert [holder is not None and holder.pid == os.getpid() for holder in holders] == [True]
-    assert person.attendance.latch.note()
-
-
-def test_a_stop_goes_out_though_the_bench_cannot_be_held(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
-    person.runtime.mkdir(mode=0o700)
-    (person.runtime / f"{load_bench(person.bench).key}.held").mkdir()
-    assert run("stop", person.bench) == 0
-    assert "STOP: everything is at rest" in capsys.readouterr().out
-
-
-def test_a_process_that_does_not_answer_finds_the_stop_latched_where_it_goes_on(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.1)
-    with person.running("move", person.bench, "--home", "--x-mm", 500) as mover:
-        person.wait_until(moving)
-        mover.send_signal(signal.SIGSTOP)
-        assert run("stop", person.bench) == 3
-        told = capsys.readouterr().out
-        assert "STOP: NOT CONFIRMED: use the wired emergency stop" in told
-        assert f"process {mover.pid} (`" in told
-        mover.send_signal(signal.SIGCONT)
-        mover.communicate(timeout=SOON_S)
-    assert person.attendance.latch.note().startswith("`rig stop`")
-
-
-def with_a_wired_gantry(person: Person, port: str) -> None:
-    axis = "{lower_mm: 0, upper_mm: 300, feed_mm_per_min: 5000}"
-    gantry = f"driver: grbl, port: {port}, x: {axis}, y: {axis}, z: {axis}"
-    simple = "driver: simple, upper_mm: [500.0, 400.0, 300.0], speed_mm_per_s: 100.0, home_s: 0.05"
-    person.bench.write_text(BENCH.replace(simple, gantry))
-
-
-def test_a_stop_where_nobody_holds_the_bench_stops_what_another_program_has_set_in_motion(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:  # 19
-    machine = GrblMachine(settings=FIRMWARE)
-    with PtyServer(WiredDevice(machine)) as server:
-        with_a_wired_gantry(person, server.path)
-        with server.lock:
-            machine.planner.add((300.0, 0.0, 0.0), 10.0, machine.limits())
-            machine.start_cycle()
-        assert run("stop", person.bench) == 0
-        assert not machine.planner.running
-        assert machine.planner.position[0] < 100.0
-    assert "STOP: everything is at rest" in capsys.readouterr().out
-    assert person.attendance.latch.note().startswith("`rig stop`")
-
-
-def test_a_stop_of_a_wired_bench_that_is_not_there_is_not_confirmed(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with_a_wired_gantry(person, f"{person.folder}/no-such-port")
-    assert run("stop", person.bench) == 3
-    text = capsys.readouterr().out
-    assert "STOP: NOT CONFIRMED" in text
-    assert "gantry: STOP could not be sent" in text
-    assert "switch the power off" in text
-
-
-def test_a_stop_where_nobody_holds_the_bench_reaches_the_gantry_however_long_a_servo_takes_to_connect(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    gantry_told, in_time = threading.Event(), []
-    connect, stop = SimpleAxis.connect, SimpleGantry.stop
-
-    def slowly(axis: SimpleAxis) -> Identity:
-        in_time.append(gantry_told.wait(3.0))
-        return connect(axis)
-
-    def told(gantry: SimpleGantry) -> StopReport:
-        gantry_told.set()
-        return stop(gantry)
-
-    monkeypatch.setattr(SimpleAxis, "connect", slowly)
-    monkeypatch.setattr(SimpleGantry, "stop", told)
-    assert run("stop", person.bench) == 0
-    assert in_time == [True]
-
-
-def test_a_stop_where_nobody_holds_the_bench_tells_why_a_servo_was_not_reached(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail(axis: SimpleAxis) -> Identity:
-        raise HardwareError("the bus is cut")
-
-    unconnected = StopReport(None, confirmed=False, position_kept=True, trouble="STOP could not be sent")
-    monkeypatch.setattr(SimpleAxis, "connect", fail)
-    monkeypatch.setattr(SimpleAxis, "stop", lambda axis: unconnected)
-    assert run("stop", person.bench) == 3
-    text = capsys.readouterr().out
-    assert "pan: STOP could not be sent; the bus is cut" in text
-    assert "gantry" not in text
-
-
-def test_a_stop_where_nobody_holds_the_bench_leaves_no_device_open(
-    person: Person, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    connected = []
-    close = SimpleAxis.close
-    monkeypatch.setattr(SimpleAxis, "close", lambda axis: (connected.append(axis.connected), close(axis))[1])
-    assert run("stop", person.bench) == 0
-    assert connected[0]
-    assert not any(connected[1:])
-
-
-# Two processes.
-
-
-def test_stop_reaches_every_bench_though_one_process_is_mute(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.3)
-    with person.running("move", person.bench, "--home", "--x-mm", 500) as holder:
-        person.wait_until(moving)
-        with ExitStack() as mute:
-            # One before and one behind the other in whatever order they are asked.
-            for name in ("0", "z"):
-                line = mute.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-                line.bind(str(person.runtime / f"{name}.sock"))
-                line.listen()
-            assert run("stop") == 3
-        text = capsys.readouterr().out
-        assert text.count("STOP: NOT CONFIRMED") == 2
-        assert text.count("does not answer") == 2
-        assert f"{person.bench}: STOP: everything is at rest" in text
-        holder.communicate(timeout=SOON_S)
-    assert holder.returncode == 3
-
-
-def test_a_mute_process_with_a_full_queue_is_no_absent_one(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.05)
-    monkeypatch.setattr("rig.runtime.line._AGAIN_S", 0.005)
-    person.runtime.mkdir(mode=0o700, exist_ok=True)
-    with ExitStack() as sockets:
-        mute, *waiting = (sockets.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)) for _ in range(4))
-        mute.bind(str(person.runtime / "mute.sock"))
-        mute.listen(0)
-        for line in waiting:
-            line.setblocking(False)
-            with suppress(BlockingIOError):
-                line.connect(str(person.runtime / "mute.sock"))
-        assert run("stop", "--json") == 3
-    told = json.loads(capsys.readouterr().out)
-    assert (told["sent"], told["confirmed"]) == (False, False)
-    assert "does not answer" in told["trouble"]
-
-
-@pytest.mark.parametrize("named", [True, False], ids=["by its bench file", "whatever is held"])
-def test_stop_reaches_the_process_that_holds_the_bench_in_mid_move(
-    person: Person, named: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with person.running("move", person.bench, "--home", "--x-mm", 500) as holder:
-        told = person.wait_until(moving)
-        assert told["pid"] == holder.pid
-        assert run("stop", *([person.bench] if named else [])) == 0
-        assert "STOP: everything is at rest" in capsys.readouterr().out
-        _, error = holder.communicate(timeout=SOON_S)
-    assert holder.returncode == 3
-    assert f"stopped by STOP (`rig stop`, process {os.getpid()})" in error
-    assert run("move", person.bench, "--home", "--x-mm", 1) == 3
-    assert "STOP is latched" in capsys.readouterr().err
-
-
-def test_a_second_process_is_refused_with_the_name_of_the_first_and_disturbs_nothing(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:  # 6
-    with person.running("move", person.bench, "--home", "--x-mm", 150, "--json") as holder:
-        person.wait_until(moving)
-        assert run("move", person.bench, "--home", "--x-mm", 1) == 3
-        error = capsys.readouterr().err
-        assert f"process {holder.pid} (`" in error
-        assert "--home --x-mm 150 --json`) holds this bench. Wait until it is done, or stop it (`rig stop " in error
-        assert run("status", person.bench) == 0
-        text = capsys.readouterr().out
-        assert f"state   moving: a move to x_mm 150, y_mm 0, z_mm 0, theta_deg 0, zoom 0 (process {holder.pid}" in text
-        assert "--home --x-mm 150 --json`, holds the bench)" in text
-        out, _ = holder.communicate(timeout=SOON_S)
-    assert holder.returncode == 0
-    assert json.loads(out)["pose"]["x_mm"] == 150.0
-
-
-def test_a_killed_process_leaves_nothing_in_the_way(person: Person) -> None:
-    with person.running("move", person.bench, "--home", "--x-mm", 500) as holder:
-        person.wait_until(moving)
-        holder.kill()
-        holder.wait(SOON_S)
-    assert list((person.folder / "rig").glob("*.sock"))
-    assert run("move", person.bench, "--home", "--x-mm", 1) == 0
-
-
-def test_a_status_that_is_watched_goes_on_until_ctrl_c(person: Person) -> None:
-    with person.running("status", person.bench, "--watch", "--json") as watcher:
-        assert watcher.stdout is not None
-        lines = [json.loads(watcher.stdout.readline()) for _ in range(2)]
-        watcher.send_signal(signal.SIGINT)
-        _, error = watcher.communicate(timeout=SOON_S)
-    assert [line["state"] for line in lines] == ["unhomed", "unhomed"]
-    assert watcher.returncode == 0
-    assert error == ""
-
-
-def test_a_status_that_is_watched_hinders_no_command_and_goes_on_with_what_that_says(person: Person) -> None:
-    with person.running("status", person.bench, "--watch", "--json") as watcher:
-        assert watcher.stdout is not None
-        assert json.loads(watcher.stdout.readline())["state"] == "unhomed"
-        with person.running("move", person.bench, "--home", "--x-mm", 150, "--json") as mover:
-            out, error = mover.communicate(timeout=SOON_S)
-        assert mover.returncode == 0, error
-        assert json.loads(out)["pose"]["x_mm"] == 150.0
-        lines = map(json.loads, watcher.stdout)
-        first = next(told for told in lines if "pid" in told)
-        seen = [first, *takewhile(lambda told: "pid" in told, lines)]
-        watcher.send_signal(signal.SIGINT)
-        _, error = watcher.communicate(timeout=SOON_S)
-    assert {told["pid"] for told in seen} == {mover.pid}  # and then the devices were asked again
-    assert any(moving(told) for told in seen)
-    assert (watcher.returncode, error) == (0, "")
-
-
-def test_of_two_commands_started_together_one_moves_and_the_other_is_told_which(person: Person) -> None:
-    move = ("move", person.bench, "--home", "--x-mm", 100)
-    with person.running(*move) as one, person.running(*move) as other:
-        told = {process.pid: process.communicate(timeout=SOON_S)[1] for process in (one, other)}
-    assert sorted((one.returncode, other.returncode)) == [0, 3]
-    winner, loser = (one, other) if one.returncode == 0 else (other, one)
-    assert f"process {winner.pid} (" in told[loser.pid]
-    assert told[loser.pid].count("\n") == 1
-
-
-class Beginning:
-    """What another process knows of the bench while it is connecting, and then; see `rig.runtime.line.Attended`."""
-
-    def __init__(self, looks: int) -> None:
-        self.looks = looks
-
-    def glance(self) -> GuardStatus:
-        self.looks -= 1
-        state = State.DISCONNECTED if self.looks >= 0 else State.IDLE
-        return GuardStatus(state, "connecting" if self.looks >= 0 else "", None, None, 0.0, False, ())
-
-    def stop(self, by: str) -> StopReport:
-        raise AssertionError("not asked for")
-
-    def release(self) -> State:
-        raise AssertionError("not asked for")
-
-
-def test_the_status_of_a_bench_that_another_process_is_connecting_to_waits_until_it_knows_more(
-    person: Person, capsys: pytest.CaptureFixture[str]
-) -> None:
-    person.runtime.mkdir(mode=0o700)
-    with person.attendance.listen(Beginning(looks=3)):
-        assert run("status", person.bench, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["state"] == "idle"
-
-
-def test_the_status_of_a_bench_that_another_process_goes_on_connecting_to_says_so(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("rig.cli.looking.BEGIN_S", 0.1)
-    person.runtime.mkdir(mode=0o700)
-    with person.attendance.listen(Beginning(looks=1000)):
-        assert run("status", person.bench) == 0
-    assert f"state   disconnected: connecting (process {os.getpid()}, `" in capsys.readouterr().out
-
-
-def test_the_status_of_a_bench_that_a_process_has_but_does_not_speak_of_names_that_process(
-    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("rig.cli.looking.BEGIN_S", 0.1)
-    monkeypatch.setattr("rig.runtime.line.ANSWER_S", 0.1)
-    person.runtime.mkdir(mode=0o700)
-    with person.attendance.listen(Beginning(looks=0)), ExitStack() as stack:
-        for socket_file in person.runtime.glob("*.sock"):
-            socket_file.unlink()
-        assert run("status", person.bench) == 3
-        assert f"process {os.getpid()} (`" in capsys.readouterr().err
-        mute = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-        mute.bind(str(socket_file))
-        mute.listen()
-        assert run("status", person.bench) == 3
-    error = capsys.readouterr().err
-    assert f"process {os.getpid()} (`" in error
-    assert "holds the bench and does not answer (timed out). Use the wired emergency stop" in error
+# Ctrl-C.
 
 
 @pytest.mark.parametrize("ask", [signal.SIGINT, signal.SIGTERM])
@@ -693,7 +170,9 @@ def test_ctrl_c_once_holds_the_motion_and_ends(person: Person, ask: signal.Signa
         _, error = mover.communicate(timeout=SOON_S)
     assert mover.returncode == 130
     assert "holding motion" in error
-    assert "held before it had ended" in error
+    assert f"motion was held. Home it next (`rig home {person.bench}`, or --home)" in error
+    assert "STOP is" not in error
+    assert "esume" not in error
     assert time.monotonic() - asked_s < 4.0  # and not when the move would have ended
     assert person.attendance.latch.note() == ""
 
@@ -720,6 +199,7 @@ def test_ctrl_c_twice_is_a_latched_stop(person: Person) -> None:  # 32
             _, error = mover.communicate(timeout=SOON_S)
         assert mover.returncode == 130
         assert person.attendance.latch.note().startswith("Ctrl-C twice")
+        assert f"STOP: everything is at rest; nothing moves before it is released: rig stop {person.bench} " in error
         assert "Traceback" not in error
     finally:
         sys.path.remove(str(person.folder))

@@ -7,6 +7,7 @@ answers in under 0.3 s (benchmarks/bench_startup.py).
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -27,38 +28,63 @@ from rig.cli import (
     simulating,
     stopping,
 )
+from rig.cli.showing import counting_objects, print_json
 from rig.errors import RigError
 
+_AS_JSON = "rig.as_json"
+_REPORT_IT = "run again with `rig --debug ...` and report the traceback with the command"
 DONE, FAILED, BAD_INPUT, HARDWARE_FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 class RigGroup(TyperGroup):
-    """Turns what a command raises into one message on stderr and the exit code of design §8."""
+    """Turns what a command raises into one message on stderr and the exit code of design §8.
+
+    With ``--json`` the message is also one JSON object on stdout, unless the command has printed its own already.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Note whether an object is asked for: a usage error comes before the command's own options are known."""
+        ctx.meta[_AS_JSON] = "--json" in args
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command. With ``--debug`` errors keep their traceback."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            typer.echo("interrupted", err=True)
-            raise typer.Exit(INTERRUPTED) from None
-        except RigError as error:
-            if ctx.params.get("debug"):
-                raise
-            typer.echo(f"rig: {error}", err=True)
-            raise typer.Exit(error.exit_code) from error
-        except Exception as error:
-            # Typer's own (usage errors, exit, abort) and a closed pipe are Typer's to handle.
-            own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError)
-            if own or ctx.params.get("debug"):
-                raise
-            kind = type(error).__name__
-            typer.echo(
-                f"rig: internal error: {kind}: {error}. This is a bug: run again with `rig --debug ...` and report "
-                "the traceback with the command",
-                err=True,
-            )
-            raise typer.Exit(FAILED) from error
+        with counting_objects() as printed:
+
+            def tell(message: str, exit_code: int) -> None:
+                if ctx.meta[_AS_JSON] and not printed():
+                    print_json({"error": message, "exit_code": exit_code})
+
+            try:
+                return super().invoke(ctx)
+            except KeyboardInterrupt:
+                typer.echo("interrupted", err=True)
+                tell("interrupted", INTERRUPTED)
+                raise typer.Exit(INTERRUPTED) from None
+            except RigError as error:
+                if ctx.params.get("debug"):
+                    raise
+                typer.echo(f"rig: {error}", err=True)
+                tell(str(error), error.exit_code)
+                raise typer.Exit(error.exit_code) from error
+            except Exception as error:
+                _pass_on_typers_own(error, tell)
+                if ctx.params.get("debug"):
+                    raise
+                message = f"internal error: {type(error).__name__}: {error}. This is a bug"
+                typer.echo(f"rig: {message}: {_REPORT_IT}", err=True)
+                tell(message, FAILED)
+                raise typer.Exit(FAILED) from error
+
+
+def _pass_on_typers_own(error: Exception, tell: Callable[[str, int], None]) -> None:
+    """Raise what is Typer's to handle: usage errors, exit, abort, and a closed pipe."""
+    if hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError):
+        # Of these only errors have a message.
+        words = getattr(error, "format_message", None)
+        if words is not None:
+            tell(words(), int(getattr(error, "exit_code", BAD_INPUT)))
+        raise error
 
 
 app = typer.Typer(

@@ -40,6 +40,8 @@ def register(app: typer.Typer) -> None:
 def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json = False) -> None:
     """Home the gantry. --theta-deg and --zoom say where the pan and the zoom ring stand, if they do not know it.
 
+    Exit code 1 if they still do not: no pose can be gone to then.
+
     See that the way to the switches is free: homing passes no keep-out check.
     """
     with _connected(bench) as (guard, asked):
@@ -48,7 +50,12 @@ def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):
             if value is not None:
                 guard.reference(axis, value)
-        tell(guard, as_json)
+        if not as_json:
+            tell(guard, as_json)
+        # Raises where a move would: an axis that has lost its count is not homed, but told where it stands.
+        _ = guard.pose
+        if as_json:
+            tell(guard, as_json)
         _end(asked)
 
 
@@ -64,8 +71,13 @@ def move(
     as_json: Json = False,
 ) -> None:
     """Move to a pose of the rig frame, or by a step. Axes that are not named stay where they are."""
+    from rig.errors import InputError
+
     wish = {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "theta_deg": theta_deg, "zoom": zoom}
     told = {axis: value for axis, value in wish.items() if value is not None}
+    if not told:
+        options = ", ".join(f"--{axis.replace('_', '-')}" for axis in wish)
+        raise InputError("nothing is to be moved", remedy=f"Name one axis or more: {options}")
     with _connected(bench) as (guard, asked):
         if home_first:
             guard.home()
@@ -120,6 +132,7 @@ def capture(
     """Take a picture, at a pose or where the rig stands, and keep it in an image grid with its pose."""
     from dataclasses import asdict
 
+    from rig.imagegrid.entry import MANIFEST
     from rig.jog.keeping import HandGrid
 
     wish = {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "theta_deg": theta_deg, "zoom": zoom}
@@ -128,8 +141,9 @@ def capture(
         _connected(bench) as (guard, asked),
         HandGrid(out, bench.name, fixed_by_zoom=guard.internals_fixed_by_zoom) as grid,
     ):
-        # What is wrong with a grid that is there is told before anything moves.
-        grid.open()
+        # What is wrong with a grid that is there is told before anything moves; a new one begins with a picture.
+        if (out / MANIFEST).exists():
+            grid.open()
         if home_first:
             guard.home()
         if told:
@@ -149,9 +163,19 @@ def _connected(bench: Path) -> Iterator[tuple[Guard, Callable[[], bool]]]:
     """A connected guard that Ctrl-C holds, and twice Ctrl-C stops; and whether that was asked."""
     from rig.bench import load_bench, open_live
     from rig.cli.interrupt import ends_gently
+    from rig.guard import HeldError
 
-    with open_live(load_bench(bench)) as guard, ends_gently(guard) as asked:
-        yield guard, asked
+    guard = open_live(load_bench(bench))
+    try:
+        with (
+            guard,
+            ends_gently(guard, saying="holding motion (a picture in hand is finished); Ctrl-C again: STOP") as asked,
+        ):
+            yield guard, asked
+    except HeldError as error:
+        homing = f". Home it next (`rig home {guard.bench}`, or --home): its place is not kept"
+        as_found = guard.rules.homing == "as_found"
+        raise HeldError(f"interrupted: motion was held{'' if as_found else homing}") from error
 
 
 @contextmanager

@@ -81,10 +81,21 @@ def _follow(wishes: SimpleQueue[str], rig: Halts | None) -> None:
         if rig is None:
             continue
         if wish == "stop":
-            _tried("STOP", lambda: rig.stop("Ctrl-C twice"))
+            _tried("STOP", lambda: _stop(rig))
         else:
             # In a thread of its own, so that a hold that takes long does not delay a STOP.
             _tried("hold", threading.Thread(target=_tried, args=("hold", rig.hold), name="hold", daemon=True).start)
+
+
+def _stop(rig: Halts) -> None:
+    from rig.devices import StopReport
+
+    report = rig.stop("Ctrl-C twice")
+    certain = "everything is at rest"
+    if isinstance(report, StopReport) and not report.confirmed:
+        certain = f"NOT CONFIRMED: use the wired emergency stop ({report.trouble})"
+    release = f"rig stop {getattr(rig, 'bench', 'BENCH')} --release"
+    print(f"STOP: {certain}; nothing moves before it is released: {release}", file=sys.stderr, flush=True)
 
 
 def _tried(what: str, action: Callable[[], object]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from dataclasses import asdict
@@ -14,6 +13,7 @@ import typer
 
 from rig.cli.help import example
 from rig.cli.homing import HomeFirst, home_first
+from rig.cli.showing import print_json
 from rig.clock import SystemClock
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def scan(
             code = session.run()
         finally:
             if as_json and session.scan is not None:
-                print(json.dumps(session.result(), ensure_ascii=False, allow_nan=False))
+                print_json(session.result())
     raise typer.Exit(code)
 
 

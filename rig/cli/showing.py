@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,6 +13,8 @@ import typer
 if TYPE_CHECKING:
     from rig.guard import Guard
     from rig.hal import RigPose
+
+_printed: ContextVar[list[None] | None] = ContextVar("printed", default=None)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
@@ -82,4 +87,17 @@ def print_json(value: dict[str, Any]) -> None:
     """One JSON object on a line of its own, for scripts."""
     import json
 
+    if (printed := _printed.get()) is not None:
+        printed.append(None)
     print(json.dumps(value, ensure_ascii=False, allow_nan=False), file=sys.stdout, flush=True)
+
+
+@contextmanager
+def counting_objects() -> Iterator[Callable[[], int]]:
+    """While inside, tells how many objects `print_json` has printed."""
+    printed: list[None] = []
+    token = _printed.set(printed)
+    try:
+        yield lambda: len(printed)
+    finally:
+        _printed.reset(token)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from datetime import datetime
 from pathlib import Path
 
 from recognition.steps import Answer, Outcome
 from rig.cli.interrupt import ends_gently
+from rig.cli.showing import print_json
 from rig.report import write_report
 from rig.run import RunRecorder, Steps, watch
 from rig.table import LiveTable, summary
@@ -42,7 +42,7 @@ def _tell(keeper: RunRecorder, as_json: bool) -> None:
             print(f"report: {write_report(keeper.folder)}", file=sys.stderr if as_json else sys.stdout)
     finally:
         if as_json:
-            print(json.dumps(keeper.result(), ensure_ascii=False, allow_nan=False))
+            print_json(keeper.result())
 
 
 def new_run_folder(out: Path | None, as_json: bool, label: str, now: datetime) -> Path | None:

@@ -41,6 +41,11 @@ class Guard:
             listens for a STOP from other processes.
         seen: is told every transition of the state.
         bench: its file, for messages that name commands.
+
+    Attributes:
+        bench: as told.
+        rules: as told.
+        clock: as told.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class Guard:
         bench: str = remedies.BENCH,
     ) -> None:
         self._rig, self.rules, self.clock = rig, rules, clock
+        self.bench = bench
         self._machine = Machine(seen, bench)
         self._watch = Watch(rig, rules, clock, self._machine, memory, latch)
         self._activities = Activities(rig, self._machine, self._watch, clock)
