@@ -205,6 +205,20 @@ def test_ctrl_c_twice_is_a_latched_stop(person: Person) -> None:  # 32
         sys.path.remove(str(person.folder))
 
 
+def test_a_scan_that_was_held_goes_on_with_what_it_names(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = person.folder / "plan.yaml", person.folder / "scan"
+    plan.write_text("schema: 1\nlattice: {x_mm: [1, 500], y_mm: [5], z_mm: [5], theta_deg: [0], zoom: [0]}\n")
+    with person.running("scan", plan, "--bench", person.bench, "--home", "--out", out) as scanner:
+        person.wait_until(lambda told: "x_mm 500" in told["running"])
+        scanner.send_signal(signal.SIGINT)
+        _, error = scanner.communicate(timeout=SOON_S)
+    assert scanner.returncode == 130
+    hint = f"--home --out {out} --resume"
+    assert f"to go on, add {hint}\n" in error
+    assert run("scan", plan, "--bench", person.bench, *hint.split()) == 0
+    assert [frame.pose.x_mm for frame in read_grid(out).frames] == [1.0, 500.0]
+
+
 DEAF = '''
 """An axis that heeds only the second of two stops, so that a person must press twice."""
 from sim_backends.simple_devices import SimpleAxis

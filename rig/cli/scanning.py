@@ -230,4 +230,6 @@ class Session:
         if scan.broken_off:
             typer.echo(f"broken off: {scan.broken_off}", err=True)
         if scan.finish is not Finish.DONE:
-            typer.echo(f"to go on, add --out {shlex.quote(str(self.folder))} --resume", err=True)
+            # A session that ends so leaves no record of where the gantry was homed.
+            home = "--home " if self.config.is_live else ""
+            typer.echo(f"to go on, add {home}--out {shlex.quote(str(self.folder))} --resume", err=True)
