@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ from recognition.geometry import Mount
 from recognition.rates import DetectionRates
 from recognition.settings import BenchBounds, RecogniserSettings
 from rig.bench import default_bench_for_grid, load_bench, open_rig
+from rig.cli.app import app
 from rig.errors import ImageGridError, InputError
 from rig.hal import AxisLimits, RigPose
 from rig.imagegrid import GridInfo
@@ -69,6 +72,20 @@ def test_the_example_with_every_key_has_every_key() -> None:
     text = (EXAMPLES / "mock.yaml").read_text()
     file = load_bench(EXAMPLES / "mock.yaml").file
     assert all(f"\n{field.alias or name}:" in f"\n{text}" for name, field in type(file).model_fields.items())
+
+
+def test_the_mock_example_says_how_the_image_grid_is_made_that_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "examples").mkdir()
+    example = Path(shutil.copy(EXAMPLES / "mock.yaml", tmp_path / "examples"))
+    told = re.search(r"`rig (simulate [^`]*)`", example.read_text())
+    assert told is not None
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match="0"):
+        app([*told[1].split(), "--views", "2"], prog_name="rig")
+    with open_rig(load_bench(example)) as rig:
+        assert rig.pose
 
 
 @pytest.mark.parametrize(

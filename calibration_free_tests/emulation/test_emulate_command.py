@@ -15,6 +15,8 @@ import pytest
 
 from calibration_free_tests.emulation.sample import EMULATED
 from rig.bench import load_bench
+from rig.emulation.files import bench_text, refuse_overwriting
+from rig.errors import InputError
 from rig.imagegrid import read_grid
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,8 +93,36 @@ def test_what_cannot_be_emulated_is_told_at_once(home: dict[str, str]) -> None:
         (["examples/mock.yaml"], "mock bench"),
         (["examples/bench_emulated.yaml", "--object", "shed"], "no object 'shed'"),
         (["examples/bench_emulated.yaml", "--object", "LH", "--grid", "nowhere"], "either an object or a grid"),
+        (["examples/bench_emulated.yaml", "--grid", "examples/mock.yaml"], "this is a file, and an image grid is a f"),
+        (["examples/bench_emulated.yaml", "--bench-out", "examples/bench_emulated.yaml"], "overwrite it with --force"),
+        (["examples/bench_emulated.yaml", "--bench-out", "examples"], "cannot be written (Is a directory)"),
     ):
         command = [sys.executable, "-m", "rig.cli.app", "emulate", *arguments]
         done = subprocess.run(command, env=home, cwd=ROOT, capture_output=True, text=True, timeout=START_S)
         assert done.returncode == 2
         assert told in done.stderr
+
+
+def test_a_bench_file_that_somebody_wrote_is_not_overwritten_and_one_of_an_earlier_emulation_is(tmp_path: Path) -> None:
+    config, path = load_bench(EMULATED), tmp_path / "bench.yaml"
+    refuse_overwriting(path)
+    port = config.devices["gantry"].settings.model_dump()["port"]
+    servos = config.devices["pan"].settings.model_dump()["port"]
+    path.write_text(bench_text(config, {port: "/dev/pts/8", servos: "/dev/pts/9"}, "http://127.0.0.1:2/"))
+    refuse_overwriting(path)
+    path.write_text("# My bench.\n" + path.read_text())
+    with pytest.raises(InputError, match=r"bench.yaml: there is a file .*Name another with --bench-out, or .*--force"):
+        refuse_overwriting(path)
+    assert path.read_text().startswith("# My bench.\n")
+
+
+def test_with_force_a_bench_file_is_overwritten(home: dict[str, str], tmp_path: Path) -> None:
+    path = tmp_path / "bench.yaml"
+    path.write_text("# My bench.\n")
+    command = [sys.executable, "-m", "rig.cli.app", "emulate", str(EMULATED), "--bench-out", str(path), "--force"]
+    with subprocess.Popen(command, env=home, cwd=ROOT, stderr=subprocess.PIPE, text=True) as emulator:
+        assert emulator.stderr is not None
+        assert "Ctrl-C ends it" in emulator.stderr.readline()
+        emulator.send_signal(signal.SIGTERM)
+        assert emulator.wait(END_S) == 0
+    assert load_bench(path).is_live

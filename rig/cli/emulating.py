@@ -10,6 +10,8 @@ import typer
 from rig.cli.help import example
 
 if TYPE_CHECKING:
+    import threading
+
     from rig.bench import BenchConfig
     from sim_backends.camera_pictures import Pictures
 
@@ -44,6 +46,9 @@ def emulate(
         Path | None,
         typer.Option("--bench-out", metavar="FILE", help="Write the bench file to use here. [default: print it]"),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="With --bench-out: overwrite a file that no `rig emulate` has written.")
+    ] = False,
 ) -> None:
     """Start emulators of all devices of a live bench on ports of this computer, and run until Ctrl-C.
 
@@ -56,27 +61,31 @@ def emulate(
 
     from rig.bench import load_bench
     from rig.emulation import EmulatedBench
+    from rig.emulation.files import refuse_overwriting
 
     config = load_bench(bench)
+    if bench_out is not None and not force:
+        refuse_overwriting(bench_out)
     view = _view(config, object_id, models, grid, seed)
     with EmulatedBench(config, view, seed=seed) as running, TemporaryDirectory(prefix="rig-emulate-") as folder:
         path = running.file_for(bench_out or Path(folder) / "bench.yaml")
         if bench_out is None:
             print(path.read_text(encoding="utf-8"), end="", flush=True)
+        ended = _asked_to_end()
         typer.echo(f"emulating {bench}: use {path}; Ctrl-C ends it", err=True)
         sys.stderr.flush()
-        _until_asked()
+        ended.wait()
 
 
-def _until_asked() -> None:
-    """Wait for Ctrl-C or a SIGTERM, which is how this command ends well."""
+def _asked_to_end() -> threading.Event:
+    """Set by Ctrl-C or a SIGTERM from now on, which is how this command ends well."""
     import signal
     import threading
 
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    ended.wait()
+    return ended
 
 
 def _view(config: BenchConfig, object_id: str | None, models: str, grid: Path | None, seed: int) -> Pictures:

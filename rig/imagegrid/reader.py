@@ -89,6 +89,8 @@ def read_grid(folder: Path, *, allow_partial: bool = False) -> ImageGrid:
     manifest = folder / MANIFEST
     if not manifest.is_file():
         what = f"there is no {MANIFEST} in this folder" if folder.is_dir() else "there is no such folder"
+        if folder.is_file():
+            what = "this is a file, and an image grid is a folder"
         raise ImageGridError(what, where=str(folder), remedy=f"Name an image grid's folder, which holds {MANIFEST}")
     info, frames, problems, gaps = read_manifest(folder)
     present = [frame for frame in frames if (folder / frame.file).is_file()]
