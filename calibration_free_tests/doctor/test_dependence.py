@@ -10,6 +10,7 @@ import pytest
 
 from calibration_free_tests.doctor.planted import FAULTS
 from calibration_free_tests.doctor.sample import GANTRY_PORT, Workbench, text_of
+from calibration_free_tests.guard.sample import bench as bench_with_guard
 from rig.bench import Device, load_bench
 from rig.devices import GantryStatus, Motion
 from rig.doctor import Finding, Verdict, examine
@@ -128,6 +129,19 @@ def test_a_gantry_that_somebody_else_moves_is_no_healthy_one(motion: Motion) -> 
     finding = state_finding(GantryStatus(motion, None, False, 0.0))
     assert finding.ok is Verdict.FAIL
     assert "stop it" in finding.remedy
+
+
+@pytest.mark.parametrize("alarm", [None, 2, 11])
+@pytest.mark.parametrize("homed", [True, False])
+def test_the_gantrys_state_has_the_name_that_rig_status_gives_it(alarm: int | None, homed: bool) -> None:
+    made = bench_with_guard()
+    made.guard.connect()
+    if homed:
+        made.guard.home()
+    if alarm is not None:
+        made.gantry.raise_alarm(alarm)
+    state = made.guard.status().state
+    assert state_finding(made.gantry.status()).told.startswith(f"{state.value}: ")
 
 
 def test_the_gantrys_port_is_asked_for_only_once_it_may_be(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from rig.doctor.finding import Finding, failed, in_two, not_tested, passed, rais
 from rig.doctor.firmware import CHECKS, check_firmware
 from rig.doctor.surroundings import Surroundings
 from rig.errors import HardwareError
+from rig.guard import State
 
 USUAL_BAUD_RATES = (115200, 250000, 57600, 38400, 9600)
 _MUST_HOME = (None, 11)
@@ -70,10 +71,10 @@ def _state(gantry: LiveGantry) -> Finding:
 
 
 def state_finding(status: GantryStatus) -> Finding:
-    """Idle, or waiting to be homed, is well; any other alarm or motion is not."""
+    """Idle, or waiting to be homed, is well; any other alarm or motion is not. In the words of `rig status`."""
     if status.motion is Motion.ALARM and status.alarm not in _MUST_HOME:
         told, remedy = in_two(status.trouble)
-        return failed("gantry", "state", told, remedy)
+        return failed("gantry", "state", f"{State.ALARM.value}: {told}", remedy)
     if status.motion not in (Motion.IDLE, Motion.ALARM):
         return failed(
             "gantry",
@@ -81,7 +82,11 @@ def state_finding(status: GantryStatus) -> Finding:
             f"{status.motion.value}, though nobody here has told it to",
             "Wait until whoever drives it is done, or stop it (`rig stop`)",
         )
-    return passed("gantry", "state", "at rest, homed" if status.homed else "at rest, not homed yet (`rig home`)")
+    if status.motion is Motion.ALARM:
+        return passed("gantry", "state", f"{State.ALARM.value}: locked until it is homed (`rig home`)")
+    state = State.IDLE if status.homed else State.UNHOMED
+    told = "at rest, homed" if status.homed else "at rest, to be homed (`rig home`)"
+    return passed("gantry", "state", f"{state.value}: {told}")
 
 
 def _at_another_rate(device: Device, world: Surroundings) -> Finding | None:
