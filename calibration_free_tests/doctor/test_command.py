@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,16 @@ def test_a_healthy_bench_ends_with_0_and_a_line_for_each_check(bench: Workbench,
     assert code == 0
     assert all(row.startswith("pass ") for row in rows)
     assert summary == f"{len(rows)} pass"
+
+
+@pytest.mark.parametrize(("value", "coloured"), [("1", False), ("", True)])
+def test_a_person_who_wants_no_colours_gets_none(
+    bench: Workbench, run: Any, monkeypatch: pytest.MonkeyPatch, value: str, coloured: bool
+) -> None:
+    monkeypatch.setenv("NO_COLOR", value)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    _, out, _ = run(str(bench.bench_file))
+    assert ("\x1b" in out) is coloured
 
 
 def test_warnings_are_allowed_and_tell_their_remedy(bench: Workbench, run: Any) -> None:

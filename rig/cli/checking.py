@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -81,9 +82,14 @@ def _shown(findings: Iterable[Finding]) -> list[Finding]:
         word = finding.ok.value
         # What devices say may hold control characters.
         told = plain(f"{finding.told}. {finding.remedy}" if finding.remedy else finding.told)
-        mark = typer.style(f"{word:<10}", fg=_COLOURS[word])
-        typer.echo(f"{mark}  {finding.subject:<10}  {finding.what:<15}  {told}")
+        typer.echo(f"{_marked(word)}  {finding.subject:<10}  {finding.what:<15}  {told}")
     return found
+
+
+def _marked(word: str) -> str:
+    # Typer strips colours where there is no terminal, and does not know this agreement (https://no-color.org).
+    plainly = bool(os.environ.get("NO_COLOR"))
+    return f"{word:<10}" if plainly else typer.style(f"{word:<10}", fg=_COLOURS[word])
 
 
 def _object(finding: Finding) -> dict[str, str]:
