@@ -62,7 +62,7 @@ def test_a_move_goes_there_and_by_a_step_and_leaves_other_axes(
 @pytest.mark.parametrize(
     ("arguments", "code", "told"),
     [
-        (["--x-mm", "5"], 1, "where the rig stands is not known. Connect and home it first"),
+        (["--x-mm", "5"], 1, "where the rig stands is not known. Home it first"),
         (["--by", "--x-mm", "5"], 2, "dx_mm = 5 is more than 0, the longest jog before homing"),
         (["--home", "--x-mm", "501"], 2, "x_mm = 501 is outside 0 .. 500"),
         (["--home", "--x-mm", "nan"], 2, "x_mm = nan is outside 0 .. 500"),
@@ -128,6 +128,7 @@ def test_the_status_of_a_bench_that_nobody_holds_is_asked_of_its_devices(
     text = capsys.readouterr().out
     assert text.startswith("state   unhomed\npose    not known\n")
     assert "! gantry: not homed" in text
+    assert text.endswith(f"next    Home it first (`rig home {person.bench}`, or `--home`)\n")
 
 
 def test_pictures_by_hand_are_kept_in_one_image_grid_with_their_poses(

@@ -37,7 +37,9 @@ def test_a_stop_where_nobody_holds_the_bench_is_latched_for_those_who_come(
     assert run("home", person.bench) == 3
     assert "STOP is latched (`rig stop`, process" in capsys.readouterr().err
     assert run("status", person.bench) == 0
-    assert "state   stopped" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "state   stopped" in told
+    assert f"next    Release it by hand before anything moves: `rig stop {person.bench} --release`" in told
     assert run("stop", person.bench, "--release") == 0
     assert "STOP is released" in capsys.readouterr().out
     assert run("home", person.bench) == 0

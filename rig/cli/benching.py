@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -107,7 +108,7 @@ def status(
     config = load_bench(bench)
 
     def shown(told: dict[str, Any]) -> None:
-        show(told, as_json)
+        show(told, as_json, shlex.quote(str(bench)))
 
     # Ctrl-C is how watching ends. As an exception it could fall where Python only prints it, and be lost; and what is
     # known of where the bench was left homed goes when a session is broken off.

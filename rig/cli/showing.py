@@ -32,8 +32,8 @@ def tell(guard: Guard, as_json: bool) -> None:
     show(status_of(guard), as_json)
 
 
-def show(told: dict[str, Any], as_json: bool) -> None:
-    """Show a status as `rig.runtime.status_object` has it."""
+def show(told: dict[str, Any], as_json: bool, bench: str = "") -> None:
+    """Show a status as `rig.runtime.status_object` has it; of a named bench, people are told what to do next."""
     if as_json:
         print_json(told)
         return
@@ -47,9 +47,24 @@ def show(told: dict[str, Any], as_json: bool) -> None:
     for name, device in told["devices"].items():
         lines.append(f"{name:<7} {_device_words(device)}")
     lines += [f"! {trouble}" for trouble in told["troubles"]]
+    if bench and (remedy := _remedy(told, bench)):
+        lines.append(f"next    {remedy}")
     for line in lines:
         # What devices say may hold control characters.
         typer.echo(plain(line))
+
+
+def _remedy(told: dict[str, Any], bench: str) -> str:
+    from rig.guard import State, remedies
+
+    state = State(told["state"])
+    if state is State.STOPPED:
+        return remedies.release(bench)
+    if state is State.UNHOMED:
+        axes = {"pan": "theta_deg", "zoom": "zoom"}
+        lost = [axes[name] for name, device in told["devices"].items() if not device.get("referenced", True)]
+        return remedies.find_place(lost, bench)
+    return remedies.out_of(state, bench) if state is State.ALARM else ""
 
 
 def _holder_words(told: dict[str, Any]) -> str:

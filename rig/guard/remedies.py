@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from drivers.combined import NAMES, RigStatus
 from rig.guard.states import State
 
@@ -25,11 +27,15 @@ def release(bench: str) -> str:
     return f"Release it by hand before anything moves: `rig stop {bench} --release`"
 
 
-def find_place(status: RigStatus | None, bench: str) -> str:
-    """How the rig gets to know where it stands: home the gantry, say where axes stand that have lost their count."""
-    lost = [] if status is None else [axis for axis, told in status.axes.items() if not told.referenced]
+def lost_axes(status: RigStatus | None) -> list[str]:
+    """The axes that do not know where they stand: ``theta_deg``, ``zoom``."""
+    return [] if status is None else [axis for axis, told in status.axes.items() if not told.referenced]
+
+
+def find_place(lost: Sequence[str], bench: str) -> str:
+    """How the rig gets to know where it stands: home the gantry, and tell it of axes that have ``lost`` their count."""
     if not lost:
-        return f"Connect and home it first (`rig home {bench}`)"
+        return f"Home it first (`rig home {bench}`, or `--home`)"
     names = " and the ".join(NAMES[axis] for axis in lost)
     options = " ".join(f"--{axis.replace('_', '-')} 0" for axis in lost)
     stands = "stands" if len(lost) == 1 else "stand"

@@ -269,7 +269,7 @@ class Watch:
             RefusedError: not known.
         """
         if self.at is None:
-            remedy = remedies.find_place(self._rig.last_status(), self._machine.bench)
+            remedy = remedies.find_place(remedies.lost_axes(self._rig.last_status()), self._machine.bench)
             raise RefusedError(f"where the rig stands is not known. {remedy}")
         return self.at
 
