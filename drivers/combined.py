@@ -14,6 +14,7 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from drivers.frame_checks import BadFrameError
+from drivers.not_arrived import NotArrivedError
 from rig.devices import (
     AxisStatus,
     Clock,
@@ -330,7 +331,8 @@ class CombinedRig:
 
     def _jog(self, step_mm: Triple) -> Triple:
         origin = self._placement.to_machine((0.0, 0.0, 0.0))
-        return self._move("gantry", partial(self.gantry.jog, *_minus(self._placement.to_machine(step_mm), origin)))
+        step = _minus(self._placement.to_machine(step_mm), origin)
+        return self._move("gantry", self._in_rig_frame(partial(self.gantry.jog, *step)))
 
     def _move(self, name: str, action: Callable[[], Result]) -> Result:
         # First, so that who halts now sees it move.
@@ -348,9 +350,20 @@ class CombinedRig:
             status = _named("gantry", self.gantry.status)
             if status.homed and status.motion is Motion.IDLE and status.position_mm == self._reached["gantry"][1]:
                 return status.position_mm
-        back = self._move("gantry", partial(self.gantry.move_to, *target))
+        back = self._move("gantry", self._in_rig_frame(partial(self.gantry.move_to, *target)))
         self._reached["gantry"] = target, back
         return back
+
+    def _in_rig_frame(self, motion: Callable[[], Triple]) -> Callable[[], Triple]:
+        """The motion, with the places in its errors as whoever asked for it tells them."""
+
+        def told() -> Triple:
+            try:
+                return motion()
+            except NotArrivedError as error:
+                raise error.told_in("rig frame", self._placement.to_rig) from error
+
+        return told
 
     def _is_there(self, name: str, target: Triple | float) -> bool:
         """It was last sent there and arrived, and nothing has happened since: then it is asked instead of sent again,

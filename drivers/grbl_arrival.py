@@ -10,18 +10,14 @@ import math
 
 from drivers import grbl_moves as moves
 from drivers.grbl_session import GrblSession, Report
+from drivers.not_arrived import NotArrivedError
 from rig.devices import Triple
-from rig.errors import HardwareError
 
 CONFIRM_S = 0.1
 """Longer than any controller takes between ``ok`` and the first step."""
 _QUICK_LOOK_S = 0.01
 _LONGEST_LOOK_S = 0.2
 _OFF_PATH_MM = 1.0
-
-
-class NotArrivedError(HardwareError):
-    """A move did not end where it should."""
 
 
 def wait_arrival(session: GrblSession, start: Triple, target: Triple, feed_mm_per_min: float) -> Triple:
@@ -97,8 +93,4 @@ class _Watch:
             raise self._failed(report, f"it left the straight path by {off_mm:.1f} mm")
 
     def _failed(self, report: Report, what: str) -> NotArrivedError:
-        target, place = (", ".join(f"{v:.3f}" for v in values) for values in (self._target, report.position_mm))
-        return NotArrivedError(
-            f"{self._session.link.where}: not arrived at ({target}) mm: {what}, at ({place}) mm. "
-            "Look for an obstacle, check the cable, then try again"
-        )
+        return NotArrivedError(self._session.link.where, what, self._target, report.position_mm)

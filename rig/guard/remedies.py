@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from drivers.combined import NAMES, RigStatus
+from rig.devices import AxisStatus
 from rig.guard.states import State
 
 BENCH = "BENCH"
 """Stands for the bench file where its name is not known."""
+_NAMES = {"theta_deg": "pan", "zoom": "zoom"}
 _BY_STATE: dict[State, str] = {
     State.DISCONNECTED: "Connect it first (N in `rig jog`, or the command once more)",
     State.UNHOMED: "Home it first (`rig home {bench}`, or `--home`)",
@@ -27,16 +28,16 @@ def release(bench: str) -> str:
     return f"Release it by hand before anything moves: `rig stop {bench} --release`"
 
 
-def lost_axes(status: RigStatus | None) -> list[str]:
-    """The axes that do not know where they stand: ``theta_deg``, ``zoom``."""
-    return [] if status is None else [axis for axis, told in status.axes.items() if not told.referenced]
+def lost_axes(axes: Mapping[str, AxisStatus]) -> list[str]:
+    """Those that do not know where they stand: ``theta_deg``, ``zoom``."""
+    return [axis for axis, status in axes.items() if not status.referenced]
 
 
 def find_place(lost: Sequence[str], bench: str) -> str:
     """How the rig gets to know where it stands: home the gantry, and tell it of axes that have ``lost`` their count."""
     if not lost:
         return f"Home it first (`rig home {bench}`, or `--home`)"
-    names = " and the ".join(NAMES[axis] for axis in lost)
+    names = " and the ".join(_NAMES[axis] for axis in lost)
     options = " ".join(f"--{axis.replace('_', '-')} 0" for axis in lost)
     stands = "stands" if len(lost) == 1 else "stand"
     return f"Look where the {names} {stands} and say it; if at 0: `rig home {bench} {options}`"

@@ -269,7 +269,9 @@ class Watch:
             RefusedError: not known.
         """
         if self.at is None:
-            remedy = remedies.find_place(remedies.lost_axes(self._rig.last_status()), self._machine.bench)
+            status = self._rig.last_status()
+            lost = [] if status is None else remedies.lost_axes(status.axes)
+            remedy = remedies.find_place(lost, self._machine.bench)
             raise RefusedError(f"where the rig stands is not known. {remedy}")
         return self.at
 
