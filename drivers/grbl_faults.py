@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+UNLOCK = "then unlock (U in `rig jog`)"
 HOME_AGAIN = "Clear the cause, then home again (`rig home`)"
 
 
@@ -38,11 +39,11 @@ ALARMS: Mapping[int, Alarm] = {
         "a move would have left the firmware's soft limits",
         position_kept=True,
         needs_reset=True,
-        remedy="Compare the bench's limits with $130 to $132 (`rig doctor`), then unlock",
+        remedy=f"Compare the bench's limits with $130 to $132 (`rig doctor`), {UNLOCK}",
     ),
     3: Alarm("it was reset while moving, and steps may be lost"),
-    4: Alarm("the probe was not as expected", position_kept=True, remedy="Check the probe, then unlock"),
-    5: Alarm("the probe met nothing", position_kept=True, remedy="Check the probe, then unlock"),
+    4: Alarm("the probe was not as expected", position_kept=True, remedy=f"Check the probe, {UNLOCK}"),
+    5: Alarm("the probe met nothing", position_kept=True, remedy=f"Check the probe, {UNLOCK}"),
     6: Alarm("homing was interrupted by a reset"),
     7: Alarm("homing was interrupted by the safety door"),
     8: Alarm(
@@ -56,13 +57,13 @@ ALARMS: Mapping[int, Alarm] = {
     10: Alarm("the emergency stop is pressed, or the second switch of a paired axis was not found", needs_reset=True),
     11: Alarm("it must be homed before it moves", remedy="Home it (`rig home`)"),
     12: Alarm("a limit switch is pressed at start", remedy="Move the axis off its switch by hand, then home again"),
-    13: Alarm("the probe protection has tripped", position_kept=True, remedy="Check the probe, then unlock"),
+    13: Alarm("the probe protection has tripped", position_kept=True, remedy=f"Check the probe, {UNLOCK}"),
     14: Alarm("the spindle did not come up to speed", position_kept=True, remedy="Switch it off in the settings"),
     15: Alarm("homing did not find the second switch of a paired axis"),
     16: Alarm("its self-test failed", needs_reset=True, remedy="Switch it off and on; if it stays, replace the board"),
     17: Alarm("a motor driver reports a fault", needs_reset=True, remedy="Check motors and drivers, then home again"),
     18: Alarm("homing failed: its settings contradict themselves", remedy="Check $22 to $27 and $44 to $46"),
-    19: Alarm("a Modbus device does not answer", position_kept=True, remedy="Check the Modbus wiring, then unlock"),
+    19: Alarm("a Modbus device does not answer", position_kept=True, remedy=f"Check the Modbus wiring, {UNLOCK}"),
     20: Alarm("an input/output expander does not answer", remedy="Check its wiring, then switch off and on"),
     21: Alarm("its settings memory failed", needs_reset=True, remedy="Restore the settings, then home again"),
     22: Alarm("a plug-in stopped it", remedy="See the controller's own messages, then home again"),
