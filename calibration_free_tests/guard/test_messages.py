@@ -32,6 +32,14 @@ def test_what_a_stop_keeps_from_beginning_names_the_command_that_releases_it() -
         made.guard.move_to(at(x_mm=-170.0))
 
 
+def test_of_a_stopped_rig_whose_place_is_not_known_the_stop_is_told_first() -> None:
+    made = bench(bench="bench.yaml")
+    made.guard.connect()
+    made.guard.stop("a person")
+    with pytest.raises(StoppedError, match=r"STOP is latched \(a person\).*`rig stop bench.yaml --release`"):
+        _ = made.guard.pose
+
+
 def test_what_is_refused_in_alarm_names_keys_and_command() -> None:
     made = homed(bench="bench.yaml")
     made.gantry.raise_alarm(2)

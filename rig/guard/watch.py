@@ -266,9 +266,12 @@ class Watch:
         """Where the rig stands.
 
         Raises:
+            StoppedError: not known, and STOP is latched: that has to be seen to first.
             RefusedError: not known.
         """
         if self.at is None:
+            if self._machine.stop_note:
+                self._machine.refuse(Event.MOVE)
             status = self._rig.last_status()
             lost = [] if status is None else remedies.lost_axes(status.axes)
             remedy = remedies.find_place(lost, self._machine.bench)
