@@ -42,8 +42,8 @@ def show(told: dict[str, Any], as_json: bool, bench: str = "") -> None:
     held = f" ({_holder_words(told)} holds the bench)" if "pid" in told else ""
     running = f": {told['running']}" if told["running"] else ""
     lines = [f"state   {told['state']}{running}{held}"]
-    where = "not known" if told["pose"] is None else _words(told["pose"])
-    lines.append(f"pose    {where}" + (f" (stale: {told['age_s']:.1f} s old)" if told["stale"] else ""))
+    old = f" (stale: {told['age_s']:.1f} s old)" if told["stale"] else ""
+    lines.append("pose    not known" if told["pose"] is None else f"pose    {_words(told['pose'])}{old}")
     for name, device in told["devices"].items():
         lines.append(f"{name:<7} {_device_words(device)}")
     lines += [f"! {trouble}" for trouble in told["troubles"]]
