@@ -291,6 +291,15 @@ class CombinedRig:
         """Where the gantry stands in the rig frame, from machine coordinates."""
         return self._placement.to_rig(machine_mm)
 
+    def reboot(self, axis: str) -> None:
+        """Reboot the servo of an axis; where it stands is then not known, and its torque is off.
+
+        Raises:
+            HardwareError: it does not come back.
+        """
+        self._reached.pop(NAMES[axis], None)
+        _named(NAMES[axis], self.axes[axis].reboot)
+
     def stop(self) -> StopReport:
         """Stop all devices now, and let the command under way begin with no further one. Never raises."""
         self._breaks += 1

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from drivers.combined import CombinedRig
+from drivers.combined import NAMES, CombinedRig
 from rig.devices import Clock, Identity, Motion, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.activity import HOMED_OR_NOT, Activities
@@ -267,14 +267,36 @@ class Guard:
             UnreachableError: not within the axis's limits.
             RefusedError, HardwareError: not now; no such axis; the axis refuses.
         """
-        if axis not in self._rig.axes:
-            raise RefusedError(f"this bench has no axis {axis!r} to reference. It has {', '.join(self._rig.axes)}")
+        self._refuse_unknown(axis, "reference")
         refuse_outside(replace(_middle(self.rules.travel), **{axis: value}), self.rules.travel)
         with self._machine.alone("referencing"):
             self._machine.refuse(Event.REFERENCE)
             self._rig.reference(axis, value)
             self._watch.let_go(axis)
             self._machine.go(Event.REFERENCE, self._watch.found(self._watch.ask()))
+        return self.state
+
+    def reboot(self, axis: str) -> State:
+        """On a person's request: reboot the servo of an axis that reports a hardware error, once its cause is removed.
+
+        Its torque is then off, and where it stands is not known until `reference`.
+
+        Raises:
+            RefusedError: not now; no such axis; it reports no hardware error.
+            StoppedError, HardwareError: STOP is latched; it does not come back.
+        """
+        self._refuse_unknown(axis, "reboot")
+        with self._machine.alone("rebooting"):
+            self._machine.refuse(Event.REBOOT)
+            told = self._watch.ask().axes.get(axis)
+            if told is not None and told.motion is not Motion.ALARM:
+                raise RefusedError(
+                    f"{NAMES[axis]} reports no hardware error, and a reboot would only lose its place. "
+                    "Look which device raises the alarm"
+                )
+            self._rig.reboot(axis)
+            self._watch.let_go(axis)
+            self._machine.go(Event.REBOOT, self._watch.found(self._watch.ask()))
         return self.state
 
     def close(self) -> None:
@@ -361,6 +383,10 @@ class Guard:
             refuse_way(start, target, self.rules.keep_out)
         with self._activities.during(Event.JOG, State.JOGGING, HOMED_OR_NOT):
             self._rig.step_unplaced((step.x_mm, step.y_mm, step.z_mm))
+
+    def _refuse_unknown(self, axis: str, what: str) -> None:
+        if axis not in self._rig.axes:
+            raise RefusedError(f"this bench has no axis {axis!r} to {what}. It has {', '.join(self._rig.axes)}")
 
 
 def _told(pose: RigPose) -> str:
