@@ -195,12 +195,12 @@ def _apart(features: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(total - 2.0 * both - _SHIFT_SHARE * total, 0.0) / (1.0 - _SHIFT_SHARE))
 
 
-def information_bits(weight: FloatArray, distance: FloatArray) -> float:
-    """Expected information, bits, of an observation that tells i from j by ``distance[i, j]``.
+def information_bits(weight: FloatArray, distance: FloatArray) -> FloatArray:
+    """Expected information ``(...)``, bits, of observations that tell i from j by ``distance[..., i, j]``.
 
     The pairwise-distance estimate of a mixture's entropy (Kolchinsky & Tracey 2017): 0 where all pictures agree, the
     whole entropy where all differ.
     """
     p = weight / weight.sum()
     mixed = np.exp(-distance) @ p
-    return max(0.0, float(-(p * np.log2(np.maximum(mixed, 1e-300))).sum()))
+    return np.asarray(np.maximum(0.0, -np.log2(np.maximum(mixed, 1e-300)) @ p))
