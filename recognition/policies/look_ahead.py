@@ -30,10 +30,10 @@ _NOTHING = 1e-6
 
 @dataclass(frozen=True)
 class _Tried:
-    """The beam, and the hypotheses that stand for what its views may show.
+    """The beam ``alike`` ``(B, M, M)``, and hypotheses ``outcome`` ``(O,)`` that stand for what its views may show.
 
-    ``alike`` ``(B, M, M)``; ``outcome`` ``(O,)`` with ``odds`` ``(O,)``: how much weight each stands for, by its own;
-    ``view_s``: seconds of a later view; ``rate``: bits per second that any view must be worth.
+    ``odds`` ``(O,)``: how much weight each stands for, by its own; ``view_s``: seconds of a later view; ``rate``: bits
+    per second that any view must be worth.
     """
 
     alike: FloatArray = field(repr=False)
@@ -46,12 +46,6 @@ class _Tried:
         """``(N, B)`` expected information of each view under beliefs ``(N, M)``."""
         mixed = np.log2(np.maximum(np.matmul(belief, self.alike), 1e-300))
         return np.asarray(np.maximum(-np.einsum("nm,bnm->nb", belief, mixed), 0.0))
-
-    def after(self, belief: FloatArray, view: int) -> tuple[FloatArray, FloatArray]:
-        """Beliefs ``(N, O, M)`` after each outcome of a view, and the chance ``(N, O)`` of each."""
-        left = belief[:, None] * self.alike[view][self.outcome]
-        chance = belief[:, self.outcome] * self.odds
-        return _normalised(left), _normalised(chance)
 
     def rest(self, belief: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
         """Bits and seconds ``(N,)`` of the best further ``steps`` views; 0 of both where no view tells anything."""
@@ -68,7 +62,8 @@ class _Tried:
 
     def follow(self, belief: FloatArray, view: int, steps: int) -> tuple[FloatArray, FloatArray]:
         """Expected bits and seconds ``(N,)`` of the best ``steps`` views after a view."""
-        after, chance = self.after(belief, view)
+        after = _normalised(belief[:, None] * self.alike[view][self.outcome])
+        chance = _normalised(belief[:, self.outcome] * self.odds)
         bits, seconds = self.rest(after.reshape(-1, belief.shape[1]), steps)
         return (chance * bits.reshape(chance.shape)).sum(axis=1), (chance * seconds.reshape(chance.shape)).sum(axis=1)
 
