@@ -69,7 +69,6 @@ class GrblGantry:
         self._lock = threading.RLock()
         self._session: GrblSession | None = None
         self._dead = False
-        self._play_taken_up = False
 
     @property
     def firmware_settings(self) -> Mapping[int, float]:
@@ -89,7 +88,7 @@ class GrblGantry:
             trusted = self._settings.homing == "trusted" and not session.restarted and not session.locked
             session.homed = (trusted and not session.unhomed) or self._settings.homing == "none"
             session.restarted, session.trouble = False, ""
-            self._session, self._dead, self._play_taken_up = session, False, False
+            self._session, self._dead = session, False
             return identity
 
     def status(self) -> GantryStatus:
@@ -115,25 +114,20 @@ class GrblGantry:
         """Home all axes, resetting first where the alarm asks for it; the only way to a known position."""
         with self._lock:
             session = self._ready()
-            self._play_taken_up = False
             return self._told(session, self._guarded(session, lambda: home(session)))
 
     def move_to(self, x_mm: float, y_mm: float, z_mm: float) -> Triple:
-        """Move in a straight line, by way of the place before it where backlash asks for it; see `LiveGantry`."""
+        """Move in a straight line; see `LiveGantry`."""
         target = (x_mm, y_mm, z_mm)
         check_limits(target, self._settings.axes)
         with self._lock:
             session = self._ready()
-            taken_up, self._play_taken_up = self._play_taken_up, False
-            place = self._guarded(session, lambda: move(session, rounded(target), play_taken_up=taken_up))
-            self._play_taken_up = True
-            return place
+            return self._guarded(session, lambda: move(session, rounded(target)))
 
     def jog(self, dx_mm: float, dy_mm: float, dz_mm: float) -> Triple:
         """One step relative to the present place; a process that dies meanwhile leaves less than 0.3 s of motion."""
         with self._lock:
             session = self._ready()
-            self._play_taken_up = False
             return self._guarded(session, lambda: jog(session, (dx_mm, dy_mm, dz_mm)))
 
     def unlock(self) -> GantryStatus:
@@ -148,7 +142,6 @@ class GrblGantry:
         session = self._session
         if session is not None:
             report = stop_motion(session, self._lock)
-            self._play_taken_up = False
             self._dead = self._dead or not report.confirmed
             return report
         try:

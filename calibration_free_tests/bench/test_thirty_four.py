@@ -322,7 +322,6 @@ POINTS = {
     34: Point(
         "a one-sided approach removes backlash, per axis, optional",
         {
-            MOVING: ("test_a_one_sided_approach_removes_backlash",),
             GUARD: ("test_a_one_sided_approach_comes_to_every_place_from_its_own_side",),
             WIRE: ("test_a_one_sided_approach_removes_the_backlash_of_the_machine",),
         },
