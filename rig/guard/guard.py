@@ -303,7 +303,7 @@ class Guard:
         """Close all devices, each following its torque policy; what is under way is held first. Safe to call twice.
 
         Raises:
-            HardwareError: a device could not be closed as its policy says.
+            HardwareError: a device could not be closed as its policy says, or what was under way did not end.
         """
         if self.running:
             self.hold()
