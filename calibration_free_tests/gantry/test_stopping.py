@@ -314,6 +314,33 @@ def test_hung_firmware_ends_in_a_time_out(dialect: Dialect, doing: str) -> None:
 
 
 @pytest.mark.parametrize("dialect", BOTH, ids=name_of)
+@pytest.mark.parametrize("doing", ["move", "jog", "connect"])
+def test_firmware_that_hangs_between_a_line_and_its_ok_ends_in_a_time_out(dialect: Dialect, doing: str) -> None:  # 21
+    bench = Bench(dialect)
+    gantry = bench.homed()
+    take = bench.machine.take_output
+
+    def taken() -> list[tuple[float, bytes]]:
+        out = take()
+        if any(data == b"ok\r\n" for _, data in out):
+            bench.machine.apply_fault(Fault(FaultKind.HANG, at_s=0.0))
+            return []
+        return out
+
+    bench.machine.take_output = taken  # type: ignore[method-assign]  # the fault is in the machine's voice
+    actions = {
+        "move": lambda: gantry.move_to(*PLACE),
+        "jog": lambda: gantry.jog(-5.0, 0.0, 0.0),
+        "connect": gantry.connect,
+    }
+    began_s = bench.clock.now_s()
+    with pytest.raises(HardwareError):
+        actions[doing]()
+    assert bench.machine.hung
+    assert bench.clock.now_s() - began_s < 15.0
+
+
+@pytest.mark.parametrize("dialect", BOTH, ids=name_of)
 def test_closing_in_the_middle_of_a_move_stops_it(dialect: Dialect) -> None:  # 32
     bench = Bench(dialect)
     gantry = bench.homed()
