@@ -12,18 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
+from drivers.grbl_errors import AlarmError, OutOfStepError, RestartedError, SilentError, StoppedError
 from drivers.grbl_identify import identify
 from drivers.grbl_moves import check_limits, rounded
 from drivers.grbl_recovery import home, unlock
-from drivers.grbl_session import (
-    AlarmError,
-    GrblSession,
-    OutOfStepError,
-    Report,
-    RestartedError,
-    SilentError,
-    StoppedError,
-)
+from drivers.grbl_session import GrblSession, Report
 from drivers.grbl_settings import GrblSettings
 from drivers.grbl_stop import stop_motion
 from drivers.grbl_travel import jog, move

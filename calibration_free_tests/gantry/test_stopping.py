@@ -11,7 +11,7 @@ import pytest
 import serial
 
 from calibration_free_tests.gantry.simulated_bench import ALL, BOTH, Bench, name_of
-from drivers.grbl_session import StoppedError
+from drivers.grbl_errors import StoppedError
 from drivers.grbl_settings import GrblDeadlines, GrblSettings
 from drivers.serial_link import SerialPort
 from rig.devices import Motion, StopReport

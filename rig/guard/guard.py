@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
-from drivers.combined import NAMES, CombinedRig
-from rig.devices import Clock, Identity, Motion, Picture, StopReport
+from drivers.combined import CombinedRig
+from rig.devices import Clock, Identity, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard.activity import HOMED_OR_NOT, Activities
+from rig.guard.by_hand import ByHand
 from rig.guard.errors import RefusedError
 from rig.guard.link import Companion, Link
 from rig.guard.machine import Machine
@@ -58,6 +58,7 @@ class Guard:
         self._activities = Activities(rig, self._machine, self._watch, clock)
         self._link = Link(rig, self._machine, self._watch, latch, company)
         self._stopping = Stopping(rig, self._machine, self._watch, latch)
+        self._by_hand = ByHand(rig, rules, self._machine, self._watch)
         self._sequence = 0
 
     # What is known.
@@ -249,15 +250,7 @@ class Guard:
             HardwareError: this alarm cannot be left so, and what to do instead.
             StoppedError, RefusedError: not now.
         """
-        with self._machine.alone("unlocking"):
-            self._machine.refuse(Event.UNLOCK)
-            gantry = self._watch.ask().gantry
-            if gantry is not None and gantry.motion is Motion.ALARM:
-                self._rig.unlock()
-            self._watch.fault = ""
-            # A servo that has stopped itself (its watchdog) is enabled again with the next move.
-            self._watch.let_go()
-            self._machine.go(Event.UNLOCK, self._watch.found(self._watch.ask()))
+        self._by_hand.unlock()
         return self.state
 
     def reference(self, axis: str, value: float) -> State:
@@ -267,13 +260,7 @@ class Guard:
             UnreachableError: not within the axis's limits.
             RefusedError, HardwareError: not now; no such axis; the axis refuses.
         """
-        self._refuse_unknown(axis, "reference")
-        refuse_outside(replace(_middle(self.rules.travel), **{axis: value}), self.rules.travel)
-        with self._machine.alone("referencing"):
-            self._machine.refuse(Event.REFERENCE)
-            self._rig.reference(axis, value)
-            self._watch.let_go(axis)
-            self._machine.go(Event.REFERENCE, self._watch.found(self._watch.ask()))
+        self._by_hand.reference(axis, value)
         return self.state
 
     def reboot(self, axis: str) -> State:
@@ -285,18 +272,7 @@ class Guard:
             RefusedError: not now; no such axis; it reports no hardware error.
             StoppedError, HardwareError: STOP is latched; it does not come back.
         """
-        self._refuse_unknown(axis, "reboot")
-        with self._machine.alone("rebooting"):
-            self._machine.refuse(Event.REBOOT)
-            told = self._watch.ask().axes.get(axis)
-            if told is not None and told.motion is not Motion.ALARM:
-                raise RefusedError(
-                    f"{NAMES[axis]} reports no hardware error, and a reboot would only lose its place. "
-                    "Look which device raises the alarm"
-                )
-            self._rig.reboot(axis)
-            self._watch.let_go(axis)
-            self._machine.go(Event.REBOOT, self._watch.found(self._watch.ask()))
+        self._by_hand.reboot(axis)
         return self.state
 
     def close(self) -> None:
@@ -384,14 +360,6 @@ class Guard:
         with self._activities.during(Event.JOG, State.JOGGING, HOMED_OR_NOT):
             self._rig.step_unplaced((step.x_mm, step.y_mm, step.z_mm))
 
-    def _refuse_unknown(self, axis: str, what: str) -> None:
-        if axis not in self._rig.axes:
-            raise RefusedError(f"this bench has no axis {axis!r} to {what}. It has {', '.join(self._rig.axes)}")
-
 
 def _told(pose: RigPose) -> str:
     return ", ".join(f"{axis} {getattr(pose, axis):g}" for axis in AXES)
-
-
-def _middle(limits: RigLimits) -> RigPose:
-    return RigPose(*((getattr(limits, axis).lower + getattr(limits, axis).upper) / 2 for axis in AXES))
