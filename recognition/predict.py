@@ -178,7 +178,7 @@ def distances(pictures: Pictures, world: World, width: int) -> FloatArray:
     """
     apart = _apart(pictures.cells)
     rates = world.rates
-    each = 0.5 * rates.found * min(rates.part_cap, 6.0)
+    each = -0.5 * float(np.log1p(-rates.found))
     nats = each * apart
     if pictures.about_middle is not None:
         off = (pictures.middle_px[:, None] - pictures.middle_px[None]) / (_CENTRE_SD * width)
