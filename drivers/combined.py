@@ -6,15 +6,14 @@ nothing else is on the way. Signs and offsets come in as a `Placement`; the moun
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
 from drivers.frame_checks import BadFrameError
 from drivers.not_arrived import NotArrivedError
+from drivers.rig_status import NAMES, PAN, ZOOM, RigStatus
+from drivers.stopping_all import Stops, in_threads, summed
 from rig.devices import (
     AxisStatus,
     Clock,
@@ -31,14 +30,7 @@ from rig.devices import (
 from rig.errors import HardwareError
 from rig.hal import RigPose
 
-PAN, ZOOM = "theta_deg", "zoom"
-NAMES = {PAN: "pan", ZOOM: "zoom"}
-
 Result = TypeVar("Result")
-Stops = Mapping[str, Callable[[], StopReport]]
-
-STOP_S = 14.0
-"""Longer than any driver takes to give its STOP up, and shorter than `rig stop` waits for an answer."""
 
 
 class Placement(Protocol):
@@ -59,69 +51,6 @@ class Placement(Protocol):
     def to_theta(self, axis_deg: float) -> float:
         """The pan in the rig frame at an angle of the pan servo, degrees."""
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class RigStatus:
-    """All devices as last read; what does not answer is ``None`` and named in ``mute``.
-
-    Attributes:
-        gantry: of the gantry.
-        axes: of the pan (``theta_deg``) and the zoom ring (``zoom``), where the rig has them and they answer.
-        pose: in the rig frame; ``None`` unless every position is known.
-        homed: the gantry is homed and every axis is referenced.
-        read_at_s: when the oldest of these was read.
-        mute: who did not answer, and what became of asking.
-    """
-
-    gantry: GantryStatus | None
-    axes: Mapping[str, AxisStatus]
-    pose: RigPose | None
-    homed: bool
-    read_at_s: float
-    mute: tuple[str, ...] = ()
-
-    @property
-    def troubles(self) -> tuple[str, ...]:
-        """What is wrong, for people, by device."""
-        gantry = [] if self.gantry is None else [("gantry", self.gantry.trouble)]
-        told = [*gantry, *((NAMES[axis], status.trouble) for axis, status in self.axes.items())]
-        return (*self.mute, *(f"{name}: {trouble}" for name, trouble in told if trouble))
-
-    @property
-    def motions(self) -> dict[str, Motion]:
-        """What every device that answers says that it is doing."""
-        gantry = {} if self.gantry is None else {"gantry": self.gantry.motion}
-        return gantry | {NAMES[axis]: status.motion for axis, status in self.axes.items()}
-
-
-def in_threads(stops: Stops) -> dict[str, StopReport]:
-    """Stop all devices at the same time: none waits until another is at rest, or for one that never is."""
-    reports: dict[str, StopReport] = {}
-
-    def run(name: str, stop: Callable[[], StopReport]) -> None:
-        reports[name] = stop()
-
-    threads = []
-    for name, stop in stops.items():
-        thread = threading.Thread(target=run, args=(name, stop), name=f"stop {name}", daemon=True)
-        try:
-            thread.start()
-        except RuntimeError:
-            # No thread can be had: then one after another, rather than not at all.
-            run(name, stop)
-        else:
-            threads.append(thread)
-    deadline_s = time.monotonic() + STOP_S
-    for thread in threads:
-        thread.join(max(0.0, deadline_s - time.monotonic()))
-    late = f"its STOP did not return within {STOP_S:g} s"
-    return {name: reports.get(name) or StopReport(None, False, False, late) for name in stops}
-
-
-def one_after_another(stops: Stops) -> dict[str, StopReport]:
-    """Stop the devices in order, for simulated time, which only one thread may drive."""
-    return {name: stop() for name, stop in stops.items()}
 
 
 class CombinedRig:
@@ -292,12 +221,21 @@ class CombinedRig:
         """Where the gantry stands in the rig frame, from machine coordinates."""
         return self._placement.to_rig(machine_mm)
 
+    def reboot(self, axis: str) -> None:
+        """Reboot the servo of an axis; where it stands is then not known, and its torque is off.
+
+        Raises:
+            HardwareError: it does not come back.
+        """
+        self._reached.pop(NAMES[axis], None)
+        _named(NAMES[axis], self.axes[axis].reboot)
+
     def stop(self) -> StopReport:
         """Stop all devices now, and let the command under way begin with no further one. Never raises."""
         self._breaks += 1
         self._reached.clear()
         stops = {"gantry": self.gantry.stop} | {NAMES[axis]: device.stop for axis, device in self.axes.items()}
-        return _summed(self._stops(stops))
+        return summed(self._stops(stops))
 
     def halt(self) -> StopReport | None:
         """Stop the device that moves, if one does; the torque of the others stays as it is. Never raises.
@@ -309,7 +247,7 @@ class CombinedRig:
         if moving is None:
             return None
         device = self.gantry if moving == "gantry" else self.axes[PAN if moving == "pan" else ZOOM]
-        return _summed({moving: device.stop()})
+        return summed({moving: device.stop()})
 
     def close(self) -> None:
         """Close all, each following its torque policy. Safe to call twice.
@@ -427,15 +365,3 @@ def _named(name: str, action: Callable[[], Result]) -> Result:
 
 def _joined(what: str, failed: Mapping[str, HardwareError]) -> HardwareError:
     return HardwareError("\n".join([f"{what}:", *(f"  {name}: {error}" for name, error in failed.items())]))
-
-
-def _summed(reports: Mapping[str, StopReport]) -> StopReport:
-    """One report for several devices: confirmed only if all are at rest."""
-    sent = [report.sent_at_s for report in reports.values() if report.sent_at_s is not None]
-    troubles = [f"{name}: {report.trouble}" for name, report in reports.items() if report.trouble]
-    return StopReport(
-        min(sent, default=None),
-        confirmed=all(report.confirmed for report in reports.values()),
-        position_kept=all(report.position_kept for report in reports.values()),
-        trouble="; ".join(troubles),
-    )

@@ -12,18 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
+from drivers.grbl_errors import AlarmError, OutOfStepError, RestartedError, SilentError, StoppedError
 from drivers.grbl_identify import identify
 from drivers.grbl_moves import check_limits, rounded
 from drivers.grbl_recovery import home, unlock
-from drivers.grbl_session import (
-    AlarmError,
-    GrblSession,
-    OutOfStepError,
-    Report,
-    RestartedError,
-    SilentError,
-    StoppedError,
-)
+from drivers.grbl_session import GrblSession, Report
 from drivers.grbl_settings import GrblSettings
 from drivers.grbl_stop import stop_motion
 from drivers.grbl_travel import jog, move
@@ -33,6 +26,8 @@ from rig.errors import HardwareError, UnreachableError
 
 OpenPort = Callable[[GrblSettings], SerialPort]
 Result = TypeVar("Result")
+
+_OPENING_LOOKS, _OPENING_LOOK_S = 200, 0.02
 
 _MOTIONS = {
     "Idle": Motion.IDLE,
@@ -69,7 +64,6 @@ class GrblGantry:
         self._lock = threading.RLock()
         self._session: GrblSession | None = None
         self._dead = False
-        self._play_taken_up = False
 
     @property
     def firmware_settings(self) -> Mapping[int, float]:
@@ -80,16 +74,22 @@ class GrblGantry:
         """Open, lock and identify. Never homes, unlocks, resets or moves; resumes nothing from before."""
         with self._lock:
             self.close()
-            session = self._open()
+            # Known from now on, so that a STOP that comes meanwhile goes by this port: no other can be opened.
+            session = self._session = self._open()
             try:
                 identity = identify(session)
+            except StoppedError:
+                # Whoever stops is still using the port; closing gives it back.
+                self._dead = True
+                raise
             except BaseException:
+                self._session = None
                 session.link.close()
                 raise
             trusted = self._settings.homing == "trusted" and not session.restarted and not session.locked
             session.homed = (trusted and not session.unhomed) or self._settings.homing == "none"
             session.restarted, session.trouble = False, ""
-            self._session, self._dead, self._play_taken_up = session, False, False
+            self._dead = False
             return identity
 
     def status(self) -> GantryStatus:
@@ -115,25 +115,20 @@ class GrblGantry:
         """Home all axes, resetting first where the alarm asks for it; the only way to a known position."""
         with self._lock:
             session = self._ready()
-            self._play_taken_up = False
             return self._told(session, self._guarded(session, lambda: home(session)))
 
     def move_to(self, x_mm: float, y_mm: float, z_mm: float) -> Triple:
-        """Move in a straight line, by way of the place before it where backlash asks for it; see `LiveGantry`."""
+        """Move in a straight line; see `LiveGantry`."""
         target = (x_mm, y_mm, z_mm)
         check_limits(target, self._settings.axes)
         with self._lock:
             session = self._ready()
-            taken_up, self._play_taken_up = self._play_taken_up, False
-            place = self._guarded(session, lambda: move(session, rounded(target), play_taken_up=taken_up))
-            self._play_taken_up = True
-            return place
+            return self._guarded(session, lambda: move(session, rounded(target)))
 
     def jog(self, dx_mm: float, dy_mm: float, dz_mm: float) -> Triple:
         """One step relative to the present place; a process that dies meanwhile leaves less than 0.3 s of motion."""
         with self._lock:
             session = self._ready()
-            self._play_taken_up = False
             return self._guarded(session, lambda: jog(session, (dx_mm, dy_mm, dz_mm)))
 
     def unlock(self) -> GantryStatus:
@@ -145,29 +140,44 @@ class GrblGantry:
 
     def stop(self) -> StopReport:
         """Stop now, from any thread; where nothing is connected, a port is opened for it. Never raises."""
-        session = self._session
-        if session is not None:
-            report = stop_motion(session, self._lock)
-            self._play_taken_up = False
-            self._dead = self._dead or not report.confirmed
-            return report
-        try:
-            session = self._open()
-        except HardwareError as error:
-            return StopReport(None, confirmed=False, position_kept=False, trouble=f"STOP could not be sent: {error}")
-        report = stop_motion(session, threading.RLock())
-        session.link.close()
-        return report
+        for _ in range(_OPENING_LOOKS):
+            session = self._session
+            if session is not None:
+                report = stop_motion(session, self._lock)
+                self._dead = self._dead or not report.confirmed
+                return report
+            # Another thread may be about to open the port, which then nobody else can.
+            if self._lock.acquire(timeout=_OPENING_LOOK_S):
+                try:
+                    if self._session is None:
+                        return self._stop_unconnected()
+                finally:
+                    self._lock.release()
+        return _not_sent("another thread is opening the port, and does not come back")
 
     def close(self) -> None:
-        """Release the port; motion that is under way is stopped first. Safe to call twice."""
+        """Release the port; motion that is under way is stopped first, a STOP waited for. Safe to call twice."""
         session = self._session
         if session is None:
             return
         if session.moving and not self._dead:
             stop_motion(session, self._lock)
-        self._session = None
+        alone = self._lock.acquire(timeout=self._settings.deadlines.hold_s)
+        try:
+            self._session = None
+            session.link.close()
+        finally:
+            if alone:
+                self._lock.release()
+
+    def _stop_unconnected(self) -> StopReport:
+        try:
+            session = self._open()
+        except HardwareError as error:
+            return _not_sent(str(error))
+        report = stop_motion(session, threading.RLock())
         session.link.close()
+        return report
 
     def _open(self) -> GrblSession:
         try:
@@ -225,3 +235,7 @@ class GrblGantry:
             elif isinstance(error, SilentError):
                 self._dead = True
             raise
+
+
+def _not_sent(why: str) -> StopReport:
+    return StopReport(None, confirmed=False, position_kept=False, trouble=f"STOP could not be sent: {why}")

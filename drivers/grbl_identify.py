@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import re
 
+from drivers.grbl_errors import RefusedError, SilentError
 from drivers.grbl_replies import Garbage, Message, Reply, Setting, StatusReport
-from drivers.grbl_session import GrblSession, RefusedError, SilentError
+from drivers.grbl_session import GrblSession
 from rig.devices import Identity
 from rig.errors import HardwareError
 

@@ -1,4 +1,4 @@
-"""The arithmetic of moves, as pure functions: limits, lines of g-code, durations, jog segments, one-sided approach.
+"""The arithmetic of moves, as pure functions: limits, lines of g-code, durations, jog segments.
 
 Machine coordinates in mm, feeds in mm/min. Every line names its units, distances and G53 itself, so that nothing that
 others left behind (G20, G91, G92, work offsets) changes where it goes.
@@ -28,10 +28,6 @@ class Axis(Protocol):
     def upper_mm(self) -> float: ...  # noqa: D102 - told in GrblAxis
     @property
     def feed_mm_per_min(self) -> float: ...  # noqa: D102 - told in GrblAxis
-    @property
-    def backlash_mm(self) -> float: ...  # noqa: D102 - told in GrblAxis
-    @property
-    def approach(self) -> str: ...  # noqa: D102 - told in GrblAxis
 
 
 def check_limits(target: Triple, axes: Sequence[Axis]) -> None:
@@ -150,34 +146,6 @@ def _between(start: Triple, target: Triple, share: float) -> Triple:
         start[1] + (target[1] - start[1]) * share,
         start[2] + (target[2] - start[2]) * share,
     )
-
-
-def approach_targets(start: Triple, target: Triple, axes: Sequence[Axis], *, play_taken_up: bool) -> list[Triple]:
-    """The places to go through so that every axis with backlash comes to its target from its own side.
-
-    Args:
-        start: where the gantry stands.
-        target: where it shall go.
-        axes: their backlash and side.
-        play_taken_up: each axis has last moved from its own side (or not since), so that its play is taken up.
-
-    Raises:
-        UnreachableError: the place before the target lies outside the limits.
-    """
-    before = list(target)
-    for index, axis in enumerate(axes):
-        side = 1.0 if axis.approach == "from_below" else -1.0
-        onward = (target[index] - start[index]) * side >= -1e-9
-        if axis.backlash_mm > 0.0 and not (onward and play_taken_up):
-            before[index] = target[index] - side * axis.backlash_mm
-    via: Triple = (before[0], before[1], before[2])
-    if via == target:
-        return [target]
-    try:
-        check_limits(via, axes)
-    except UnreachableError as error:
-        raise UnreachableError(f"the target needs room to be approached from one side: {error}") from error
-    return [via, target]
 
 
 def off_path_mm(start: Triple, target: Triple, place: Triple) -> float:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from drivers.grbl_errors import SilentError
 from drivers.grbl_faults import alarm
-from drivers.grbl_session import GrblSession, Report, SilentError
+from drivers.grbl_session import GrblSession, Report
 from rig.errors import HardwareError
 
 _DOUBLED_S = 0.5

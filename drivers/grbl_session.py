@@ -8,43 +8,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.grbl_errors import AlarmError, OutOfStepError, RefusedError, RestartedError, SilentError, StoppedError
 from drivers.grbl_faults import Alarm, alarm, error_text
 from drivers.grbl_moves import apart_mm
 from drivers.grbl_replies import AlarmLine, Banner, Garbage, Ok, Refused, Reply, StatusReport, Triple, parse_reply
 from drivers.grbl_settings import GrblSettings
 from drivers.serial_link import SerialLink
 from rig.devices import Clock
-from rig.errors import HardwareError
 
 _LOOK_S = 0.05
 _STATUS_TRIES = 4
 _STATUS_ASKS = 40
 _STILL_MM = 0.01
 _SLACK_MM = 0.5
-
-
-class AlarmError(HardwareError):
-    """The controller has raised an alarm, or is found locked by one."""
-
-
-class RestartedError(HardwareError):
-    """The controller has restarted by itself."""
-
-
-class OutOfStepError(HardwareError):
-    """An answer too many: it is not known any more which answer belongs to which line."""
-
-
-class SilentError(HardwareError):
-    """No valid answer in time."""
-
-
-class RefusedError(HardwareError):
-    """The controller refused a line."""
-
-
-class StoppedError(HardwareError):
-    """A STOP has ended what was under way."""
 
 
 @dataclass(frozen=True, slots=True)

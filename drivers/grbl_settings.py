@@ -21,22 +21,16 @@ class GrblAxis(_Strict):
     Attributes:
         lower_mm, upper_mm: where it may be sent, both ends included.
         feed_mm_per_min: the axis' own speed in moves and jogs.
-        backlash_mm: how far every target is approached from one side; 0: from any side.
-        approach: the side.
     """
 
     lower_mm: Finite
     upper_mm: Finite
     feed_mm_per_min: Positive
-    backlash_mm: NotNegative = 0.0
-    approach: Literal["from_below", "from_above"] = "from_below"
 
     @model_validator(mode="after")
     def _ends_in_order(self) -> GrblAxis:
         if self.lower_mm >= self.upper_mm:
             raise ValueError(f"lower_mm {self.lower_mm} must be below upper_mm {self.upper_mm}")
-        if 2.0 * self.backlash_mm >= self.upper_mm - self.lower_mm:
-            raise ValueError(f"backlash_mm {self.backlash_mm} leaves no travel")
         return self
 
 

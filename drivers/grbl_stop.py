@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 
-from drivers.grbl_session import AlarmError, GrblSession, OutOfStepError, RestartedError, SilentError
+from drivers.grbl_errors import AlarmError, OutOfStepError, RestartedError, SilentError
+from drivers.grbl_session import GrblSession
 from rig.devices import StopReport
 from rig.errors import HardwareError
 

@@ -9,26 +9,23 @@ from rig.devices import Triple
 from rig.errors import HardwareError, UnreachableError
 
 
-def move(session: GrblSession, target: Triple, *, play_taken_up: bool) -> Triple:
-    """Move to a place, by way of the place before it where backlash asks for it; returns the position read back.
+def move(session: GrblSession, target: Triple) -> Triple:
+    """Move to a place in a straight line; returns the position read back.
 
     Args:
         session: of the controller.
         target: machine coordinates, mm.
-        play_taken_up: see `drivers.grbl_moves.approach_targets`.
 
     Raises:
-        UnreachableError: the place before the target is outside the limits. Nothing was sent.
+        UnreachableError: outside the limits. Nothing was sent.
         HardwareError: not homed, not idle, or the move failed.
     """
     place = _idle(session).position_mm
     if not session.homed:
         raise HardwareError(f"{session.link.where}: not homed, so that its position means nothing. Home (`rig home`)")
     axes = session.settings.axes
-    for leg in moves.approach_targets(place, target, axes, play_taken_up=play_taken_up):
-        feed = moves.path_feed(place, leg, axes)
-        place = _send(session, moves.move_line(leg, feed, axes), place, leg, feed)
-    return place
+    feed = moves.path_feed(place, target, axes)
+    return _send(session, moves.move_line(target, feed, axes), place, target, feed)
 
 
 def jog(session: GrblSession, step: Triple) -> Triple:

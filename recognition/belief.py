@@ -33,6 +33,7 @@ _PER_MATCH = 3.0
 _LEADS = 1e-3
 _LEADERS, _AS_GOOD = 12, 3.0
 _RICHEST = 2
+_MOST_MODES = 4
 _TELLS = 3
 """A second view leaves one in so many of the places that a first one suggests."""
 
@@ -88,7 +89,9 @@ def update(world: World, before: Hypotheses | None, views: list[Seen], effort: E
     if before is not None and len(before):
         carried = add_view(before, views)
         if views[last].count:
-            carried = look_in(world, carried, views, last, modes=effort.modes)
+            # The fewer are left, the more ways of each can be tried.
+            modes = max(effort.modes, min(_MOST_MODES, effort.refined // len(carried)))
+            carried = look_in(world, carried, views, last, modes=modes)
         carried = _refine_ahead(world, carried, views, effort.refined)
         carried = thin(carried, views[last], effort.tracked)
         # Settled, a view that one did not know may be found at the wrong place; so each also stays as it was.

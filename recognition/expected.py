@@ -67,9 +67,18 @@ def cameras_at(
 
 
 def in_view_of_all(
-    world: World, hypotheses: Hypotheses, cameras: FloatArray, internals: FloatArray, image_size: tuple[int, int]
+    world: World,
+    hypotheses: Hypotheses,
+    cameras: FloatArray,
+    internals: FloatArray,
+    image_size: tuple[int, int],
+    *,
+    least_px: float = 14.0,
 ) -> Pairs:
-    """Parts that each hypothesis expects wholly in view of each camera; ``hypothesis`` counts H to each camera."""
+    """Parts that each hypothesis expects wholly in view of each camera; ``hypothesis`` counts H to each camera.
+
+    ``least_px``: parts smaller than this are left out.
+    """
     k, h = len(cameras), len(hypotheses)
     return parts_in_view(
         world.layout,
@@ -80,7 +89,7 @@ def in_view_of_all(
         internals.reshape(k * h, 4),
         image_size,
         margin_px=4.0,
-        least_px=14.0,
+        least_px=least_px,
     )
 
 

@@ -71,7 +71,7 @@ def shortfall(world: World, hypotheses: Hypotheses, views: list[Seen]) -> FloatA
     for k, seen in enumerate(views):
         internals = expected_internals(world, hypotheses, views, k)
         pairs = expected_parts(world, hypotheses, views, k, internals)
-        blur = expected_blur(world, hypotheses, views, k, pairs)
+        blur = expected_blur(world, hypotheses, views, k, pairs, expected_sd(world, pairs, internals))
         short[:, k] = most_log_odds(len(hypotheses), pairs, seen, world.rates, blur) - hypotheses.odds[:, k]
     return short
 

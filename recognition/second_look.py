@@ -16,7 +16,7 @@ from recognition.hypotheses import MOST_MATCHES, Hypotheses, ViewMatches, gather
 from recognition.likelihood import edge_log_odds, part_log_odds, view_log_odds
 from recognition.seen import Seen
 from recognition.tracking import World, expected_blur, expected_internals, expected_parts, expected_sd
-from recognition.visibility import Pairs
+from recognition.visibility import Pairs, bounding_box
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -44,10 +44,12 @@ def _look(world: World, hypotheses: Hypotheses, views: list[Seen], view: int) ->
     pairs = expected_parts(world, hypotheses, views, view, internals)
     sd = expected_sd(world, pairs, internals)
     matching = match(world.layout, pairs, seen, 1.0 + 6.0 * sd)
-    blur = expected_blur(world, hypotheses, views, view, pairs)
+    blur = expected_blur(world, hypotheses, views, view, pairs, sd)
     odds = part_log_odds(world.layout, matching, seen, world.rates, blur, sd)
     found = gather(matching, seen, len(hypotheses), sd)
-    unseen = np.flatnonzero((matching.detection < 0) & (blur < RADIUS_PX))
+    low, high = bounding_box(pairs.corners_px)
+    inside = (low >= 2.0).all(axis=1) & (high <= np.array(seen.image_size) - 3.0).all(axis=1)
+    unseen = np.flatnonzero((matching.detection < 0) & (blur < RADIUS_PX) & inside)
     if seen.edges is not None and unseen.size:
         score, corners = _measure(world, seen, pairs.take(unseen))
         odds[unseen] = np.maximum(edge_log_odds(score), -4.0)

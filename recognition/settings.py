@@ -64,7 +64,7 @@ class Effort:
     detections: int = 40
     anchors: int = 6
     per_part: int = 1
-    focals: int = 2
+    focals: int = 3
     proposals: int = 2500
     fresh: int = 300
     tracked: int = 2500

@@ -248,6 +248,8 @@ def _leader(world: World, belief: Belief, views: list[Seen], row: int, place: in
     for part, corners in zip(pairs.part, pairs.corners_px, strict=True):
         count = int(world.layout.corner_count[part])
         detection = _detection_of(taken.get(int(part)), seen)
+        if detection is None and not ((corners >= 0.0) & (corners <= np.array(seen.image_size) - 1.0)).all():
+            continue  # it may show at the border, but is not expected to
         matches.append(PartMatch(world.layout.part_ids[part], corners[:count], detection))
     return HypothesisSummary(
         world.layout.base.objects[int(hypotheses.object_of[0])].id,

@@ -38,6 +38,8 @@ _FURTHEST_SHARE = 0.4
 """However open a place, its picture is searched for no further than this share of the width."""
 _BEYOND_COST = 40.0
 """What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
+_BORDER_PX = 12.0
+"""A part that is expected so far beyond the frame may show in it, fits being what they are, for 1,280 px width."""
 _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
 """At a zoom setting seen for the first time, focal lengths are tried in such steps, and so far beyond the range."""
 
@@ -146,10 +148,8 @@ def guess_internals(
     return guess
 
 
-def expected_parts(
-    world: World, hypotheses: Hypotheses, views: list[Seen], view: int, internals: FloatArray, margin_px: float = 2.0
-) -> Pairs:
-    """Parts that each hypothesis expects in a view."""
+def expected_parts(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, internals: FloatArray) -> Pairs:
+    """Parts that each hypothesis expects in a view, and those that may show at its border."""
     seen = views[view]
     return parts_in_view(
         world.layout,
@@ -159,12 +159,14 @@ def expected_parts(
         seen.camera_row,
         internals,
         seen.image_size,
-        margin_px=margin_px,
+        margin_px=-_BORDER_PX * seen.image_size[0] / 1280.0,
     )
 
 
-def expected_blur(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, pairs: Pairs) -> FloatArray:
-    """``(n,)`` sd, px, of where parts are expected in a view: nought where the view has told its internals.
+def expected_blur(
+    world: World, hypotheses: Hypotheses, views: list[Seen], view: int, pairs: Pairs, sd_px: FloatArray
+) -> FloatArray:
+    """``(n,)`` sd, px, of where parts are expected in a view: ``sd_px`` where the view has told its internals.
 
     Where it has not, they are guessed, and what is expected near the frame's border may well lie beyond it.
     """
@@ -178,7 +180,7 @@ def expected_blur(world: World, hypotheses: Hypotheses, views: list[Seen], view:
     away = np.linalg.norm(pairs.corners_px.mean(axis=1) - np.array([width, height]) / 2, axis=1)
     same = np.array([other.group == seen.group for other in views])
     unknown = ~told[same].any(axis=0)[pairs.hypothesis]
-    return np.where(unknown, np.hypot(_CENTRE_SD * width, focal_sd * away), 0.0)
+    return np.where(unknown, np.hypot(_CENTRE_SD * width, focal_sd * away), sd_px)
 
 
 def match_view(
@@ -238,7 +240,7 @@ def score_view(world: World, hypotheses: Hypotheses, views: list[Seen], view: in
     pairs = expected_parts(world, hypotheses, views, view, internals)
     sd = expected_sd(world, pairs, internals)
     matching = match(world.layout, pairs, seen, 1.0 + 6.0 * sd)
-    blur = expected_blur(world, hypotheses, views, view, pairs)
+    blur = expected_blur(world, hypotheses, views, view, pairs, sd)
     odds = part_log_odds(world.layout, matching, seen, world.rates, blur, sd)
     column = view_log_odds(len(hypotheses), pairs.hypothesis, odds, matching.detection >= 0, world.rates)
     table = hypotheses.odds.copy()

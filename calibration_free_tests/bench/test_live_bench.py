@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calibration_free_tests.bench.plugins import install
-from drivers.combined import one_after_another
+from drivers.stopping_all import one_after_another
 from rig.bench import BenchConfig, load_bench, open_live, open_rig
 from rig.errors import InputError
 from rig.guard import Box, Guard

@@ -12,7 +12,7 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 CONNECTING, MOVING = "gantry/test_connecting.py", "gantry/test_moving.py"
-ALARMS, STOPPING = "gantry/test_alarms.py", "gantry/test_stopping.py"
+ALARMS, RESTARTS, STOPPING = "gantry/test_alarms.py", "gantry/test_restarts.py", "gantry/test_stopping.py"
 SERVOS, PORT = "servos/test_hardware_points.py", "servos/test_real_port.py"
 GUARD, STOP, WIRE, BLOCKED = (f"guard/test_{name}.py" for name in ("guard", "stop", "on_the_wire", "blocked"))
 DIALECTS = ("BOTH", "ALL")
@@ -50,7 +50,14 @@ POINTS = {
     3: Point(
         "a banner that we did not cause ends homed and drops what was queued",
         {
-            ALARMS: ("test_a_banner_that_we_did_not_cause_ends_homed_and_what_was_queued",),
+            ALARMS: (
+                "test_a_banner_that_we_did_not_cause_ends_homed_and_what_was_queued",
+                "test_a_restart_ends_homed_even_where_the_controller_comes_back_idle",
+            ),
+            RESTARTS: (
+                "test_a_restart_in_a_mute_alarm_is_seen_by_asking_for_the_status",
+                "test_a_restart_in_mid_move_is_not_believed_though_its_banner_was_garbled",
+            ),
             GUARD: ("test_a_restart_that_nobody_asked_for_loses_home",),
         },
         dialects=True,
@@ -215,7 +222,10 @@ POINTS = {
     21: Point(
         "hung firmware is a time-out, not a hang",
         {
-            STOPPING: ("test_hung_firmware_ends_in_a_time_out",),
+            STOPPING: (
+                "test_hung_firmware_ends_in_a_time_out",
+                "test_firmware_that_hangs_between_a_line_and_its_ok_ends_in_a_time_out",
+            ),
             SERVOS: ("test_point_21_hung_servos_are_a_time_out_not_a_hang",),
         },
         dialects=True,
@@ -322,7 +332,6 @@ POINTS = {
     34: Point(
         "a one-sided approach removes backlash, per axis, optional",
         {
-            MOVING: ("test_a_one_sided_approach_removes_backlash",),
             GUARD: ("test_a_one_sided_approach_comes_to_every_place_from_its_own_side",),
             WIRE: ("test_a_one_sided_approach_removes_the_backlash_of_the_machine",),
         },
@@ -348,6 +357,14 @@ def runs_on_both_dialects(test: ast.FunctionDef) -> bool:
     )
 
 
+def marks_of(file: str, test: ast.FunctionDef) -> str:
+    """The marks of a test and of its file, as written."""
+    tree = ast.parse((TESTS / file).read_text(encoding="utf-8"))
+    of_file = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Assign)]
+    own = [ast.unparse(mark) for mark in test.decorator_list]
+    return " ".join([*own, *(mark for mark in of_file if mark.startswith("pytestmark"))])
+
+
 def test_every_point_has_its_proofs() -> None:
     assert list(POINTS) == list(range(1, 35))
     assert all(point.proofs and all(point.proofs.values()) for point in POINTS.values())
@@ -359,5 +376,8 @@ def test_the_proofs_of_a_point_are_there_and_on_both_dialects_where_it_concerns_
     named = [(file, name) for file, names in point.proofs.items() for name in names]
     missing = [f"{file}::{name}" for file, name in named if name not in functions(file)]
     assert missing == []
+    marks = {f"{file}::{name}": marks_of(file, functions(file)[name]) for file, name in named}
+    assert [test for test, mark in marks.items() if "skip" in mark or "xfail" in mark] == []
+    assert any("soak" not in mark for mark in marks.values())
     if point.dialects:
         assert any(runs_on_both_dialects(functions(file)[name]) for file, name in named)

@@ -49,6 +49,33 @@ def test_a_bench_that_was_just_switched_on_is_homed_and_referenced_by_one_comman
     assert (told["state"], told["pose"]["theta_deg"]) == ("idle", 30.0)
 
 
+def test_a_servo_with_a_hardware_error_is_rebooted_homed_and_referenced_by_one_command(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = fresh_bench()
+    made.pan.overheat()
+    monkeypatch.setattr("rig.bench.open_live", lambda config: made.guard)
+    assert run("home", person.bench) == 3
+    assert "overheated" in capsys.readouterr().err
+    made.clock.sleep_s(60.0)
+    assert run("home", person.bench, "--reboot", "pan", "--theta-deg", 30, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["state"], told["pose"]["theta_deg"]) == ("idle", 30.0)
+
+
+def test_what_needs_no_reboot_gets_none(
+    person: Person, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = fresh_bench()
+    made.gantry.raise_alarm(11)
+    monkeypatch.setattr("rig.bench.open_live", lambda config: made.guard)
+    assert run("home", person.bench, "--reboot", "pan") == 1
+    assert "pan reports no hardware error" in capsys.readouterr().err
+    assert made.pan.referenced
+    assert run("home", person.bench, "--reboot", "gantry") == 2
+    assert made.motions == []
+
+
 def test_a_move_goes_there_and_by_a_step_and_leaves_other_axes(
     person: Person, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -31,7 +31,7 @@ def test_a_folder_that_is_not_there_is_no_disk(tmp_path: Path) -> None:
 def test_a_port_that_is_held_is_seen_and_a_free_one_is_left_free(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(port_lock.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(port_lock, "SHARED", tmp_path)
     take_and_release("/dev/ttyUSB7")
     lock = lock_port("/dev/ttyUSB7")
     with pytest.raises(HardwareError, match=f"in use by process {os.getpid()}"):

@@ -73,6 +73,29 @@ def test_a_servo_that_its_watchdog_has_stopped_moves_again_once_unlocked() -> No
         assert near(bench.pose, PLACE)
 
 
+def test_point_26_a_servo_that_ran_hot_is_rebooted_on_request_once_it_is_cool() -> None:
+    bench = simulated(scripts={"pan": [Fault(FaultKind.OVERHEAT, at_s=30.0)]})
+    assert bench.clock is not None
+    with bench.open() as guard:
+        make_ready(guard)
+        guard.move_to(PLACE)
+        bench.clock.sleep_s(30.5 - bench.clock.now_s())
+        with pytest.raises(HardwareError, match=r"pan: .*overheating.*`rig home --reboot pan`"):
+            guard.move_to(replace(PLACE, theta_deg=-20.0))
+        assert guard.reboot("theta_deg") is State.ALARM  # still hot
+        assert "overheating" in " ".join(guard.glance().troubles)
+        bench.servos["pan"].temperature_c = 35.0
+        assert guard.reboot("theta_deg") is State.UNHOMED
+        assert not bench.servos["pan"].torque
+        before = bench.pose
+        guard.reference("theta_deg", PLACE.theta_deg)
+        assert guard.state is State.IDLE
+        assert near(bench.pose, before)
+        guard.move_to(replace(PLACE, theta_deg=-20.0))
+        assert near(bench.pose, replace(PLACE, theta_deg=-20.0))
+    assert all(bus.monitor.violations == [] for bus in bench.buses.values())
+
+
 def test_a_scan_takes_bad_pictures_of_a_live_camera_again() -> None:
     bench = simulated(camera_faults=[CameraFault(CameraFaultKind.BLACK, 20.0, 3.0)])
     assert bench.clock is not None

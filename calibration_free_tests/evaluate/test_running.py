@@ -28,8 +28,9 @@ from calibration_free_tests.evaluate.sample import (
 from rig.errors import InputError, RigError
 from rig.evaluate import staging, workers
 from rig.evaluate.plan import Plan, load_plan
+from rig.evaluate.plan_file import NoiseEntry, RowEntry
 from rig.evaluate.store import TRIALS, Store, failed
-from rig.evaluate.work import Record
+from rig.evaluate.work import Record, tolerance
 
 
 @pytest.fixture(scope="module")
@@ -250,3 +251,10 @@ def test_interrupted_it_ends_clean_and_says_how_to_go_on(begun: tuple[subprocess
     for line in (folder / TRIALS).read_text().splitlines():
         assert not failed(json.loads(line))
     assert (folder / "report.html").exists()
+
+
+def test_a_camera_is_told_right_as_near_as_its_last_motion_error_allows() -> None:
+    still = RowEntry(name="still", models=["campus"])
+    shaky = RowEntry(name="shaky", models=["campus"], noise=NoiseEntry(motion_sd_mm=5.0, motion_theta_sd_deg=1.0))
+    assert tolerance(still) == (60.0, 1.0)
+    assert tolerance(shaky) == pytest.approx((61.8, 3.16), abs=0.05)

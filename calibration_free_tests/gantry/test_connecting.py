@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 import subprocess
 import sys
 from collections.abc import Callable
@@ -176,6 +177,48 @@ def test_a_second_process_is_refused_with_the_holders_number(tmp_path: Path) -> 
     lock_port("/dev/ttyX", tmp_path).release()
 
 
+@pytest.mark.parametrize("umask", [0o022, 0o077])
+def test_a_device_s_lock_may_be_taken_by_every_user_in_turn(tmp_path: Path, umask: int) -> None:  # 6
+    before = os.umask(umask)
+    try:
+        lock_port("/dev/ttyX", tmp_path).release()
+    finally:
+        os.umask(before)
+    (file,) = tmp_path.iterdir()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o666
+
+
+def test_a_lock_file_that_is_there_is_not_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # 6
+    lock_port("/dev/ttyX", tmp_path).release()
+    opened = os.open
+
+    def protected(path: Path, flags: int, mode: int = 0o777) -> int:
+        # As the kernel does in a sticky folder, where the file is another user's.
+        if flags & os.O_CREAT:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path, flags, mode)
+
+    monkeypatch.setattr(os, "open", protected)
+    lock_port("/dev/ttyX", tmp_path).release()
+
+
+def test_two_processes_that_lock_a_device_for_the_first_time_use_one_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # 6
+    opened, missed = os.open, []
+
+    def slowly(path: Path, flags: int, mode: int = 0o777) -> int:
+        if not missed:
+            missed.append(flags)
+            lock_port("/dev/ttyX", tmp_path)  # another process is quicker
+            raise FileNotFoundError
+        return opened(path, flags, mode)
+
+    monkeypatch.setattr(os, "open", slowly)
+    with pytest.raises(HardwareError, match="in use by process"):
+        lock_port("/dev/ttyX", tmp_path)
+
+
 def refusing(error: Exception) -> Callable[[serial.Serial], None]:
     def open_it(port: serial.Serial) -> None:
         raise error
@@ -197,7 +240,7 @@ def test_a_port_that_cannot_be_opened_says_what_to_do(
     port = tmp_path / "port"
     port.touch()
     monkeypatch.setattr(serial.Serial, "open", refusing(error))
-    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr("drivers.port_lock.SHARED", tmp_path)
     for _ in range(2):  # the lock is given back each time
         with pytest.raises(HardwareError, match=what):
             serial_link.open_serial(str(port), 115200)
@@ -210,7 +253,7 @@ def test_the_port_is_asked_for_exclusively_and_dtr_is_set_before_it_opens(
     port.touch()
     seen: list[tuple[object, object]] = []
     monkeypatch.setattr(serial.Serial, "open", lambda opened: seen.append((opened.exclusive, opened.dtr)))
-    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr("drivers.port_lock.SHARED", tmp_path)
     serial_link.open_serial(str(port), 115200, dtr=False).close()
     serial_link.open_serial(str(port), 115200, dtr=True).close()
     assert seen == [(True, False), (True, True)]

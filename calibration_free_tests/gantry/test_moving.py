@@ -14,7 +14,6 @@ from sim_backends.faults import Fault, FaultKind, Side
 from sim_backends.grbl_emulator.dialects import GRBL_1_1, Dialect
 from sim_backends.grbl_emulator.eeprom import BENCH, DEFAULTS, Eeprom
 from sim_backends.grbl_emulator.machine import State
-from sim_backends.grbl_emulator.mechanics import Mechanics, switches_of
 
 PLACE = (-100.0, -50.0, -20.0)
 
@@ -250,57 +249,6 @@ def test_a_position_that_changes_by_itself_is_not_believed(dialect: Dialect) -> 
     with pytest.raises(HardwareError, match=r"not homed|changed"):
         gantry.move_to(-20.0, -10.0, -10.0)
     assert "changed without a command" in gantry.status().trouble
-
-
-def with_play(firmware_travel: tuple[float, float, float]) -> Mechanics:
-    return Mechanics(switches_of(firmware_travel, 0), backlash_mm=(0.3, 0.2, 0.1))
-
-
-PLACES = [(-100.0, -50.0, -20.0), (-50.0, -90.0, -60.0), (-150.0, -20.0, -30.0), (-100.0, -50.0, -20.0)]
-
-
-@pytest.mark.parametrize("side", ["from_below", "from_above"])
-def test_a_one_sided_approach_removes_backlash(side: str) -> None:  # 34
-    def spread(backlash_mm: float) -> float:
-        axes = {
-            axis: GrblAxis.model_validate(
-                {**getattr(base, axis).model_dump(), "backlash_mm": backlash_mm, "approach": side}
-            )
-            for axis in "xyz"
-        }
-        bench = Bench(GRBL_1_1, mechanics=with_play((400.0, 300.0, 200.0)), **axes)
-        gantry = bench.homed()
-        stood: dict[tuple[float, float, float], list[tuple[float, float, float]]] = {}
-        for place in [*PLACES, *reversed(PLACES)] * 2:
-            gantry.move_to(*place)
-            stood.setdefault(place, []).append(bench.truth)
-        return max(max(c) - min(c) for seen in stood.values() for c in zip(*seen, strict=True))
-
-    base = Bench().settings
-    assert spread(0.5) < 1e-6
-    assert spread(0.0) == pytest.approx(0.3, abs=1e-6)
-
-
-def test_backlash_is_taken_up_anew_after_a_jog_and_after_homing() -> None:  # 34
-    axis = GrblAxis(lower_mm=-398.0, upper_mm=-1.0, feed_mm_per_min=5000.0, backlash_mm=0.5)
-    bench = Bench(GRBL_1_1, mechanics=with_play((400.0, 300.0, 200.0)), x=axis)
-    gantry = bench.homed()
-    gantry.move_to(*PLACE)
-    first = bench.truth
-    gantry.jog(-1.0, 0.0, 0.0)
-    gantry.jog(0.9, 0.0, 0.0)
-    gantry.move_to(*PLACE)
-    assert bench.truth == pytest.approx(first)
-
-
-def test_a_place_without_room_for_the_approach_is_refused_before_anything_is_sent() -> None:  # 34
-    axis = GrblAxis(lower_mm=-398.0, upper_mm=-1.0, feed_mm_per_min=5000.0, backlash_mm=0.5)
-    bench = Bench(GRBL_1_1, x=axis)
-    gantry = bench.homed()
-    lines = len(bench.lines_written())
-    with pytest.raises(UnreachableError, match=r"approached from one side.*x = -398\.3"):
-        gantry.move_to(-397.8, -50.0, -20.0)
-    assert len(bench.lines_written()) == lines
 
 
 def test_a_slow_machine_is_waited_for() -> None:  # 8

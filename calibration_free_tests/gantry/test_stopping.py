@@ -11,8 +11,9 @@ import pytest
 import serial
 
 from calibration_free_tests.gantry.simulated_bench import ALL, BOTH, Bench, name_of
-from drivers.grbl_session import StoppedError
-from drivers.grbl_settings import GrblDeadlines
+from drivers.grbl_errors import StoppedError
+from drivers.grbl_settings import GrblDeadlines, GrblSettings
+from drivers.serial_link import SerialPort
 from rig.devices import Motion, StopReport
 from rig.errors import HardwareError
 from sim_backends.faults import Fault, FaultKind, Side
@@ -206,6 +207,56 @@ def test_a_lost_line_end_does_not_keep_grblhal_from_stopping() -> None:  # 19
     assert gantry.connect().kind == "grblHAL"
 
 
+@pytest.mark.parametrize("dialect", ALL, ids=name_of)
+@pytest.mark.parametrize("after_s", [0.1, 0.6, 1.5])
+def test_stop_while_connecting_ends_what_another_program_left_running(dialect: Dialect, after_s: float) -> None:  # 19
+    bench = Bench(dialect)
+    bench.terminal.home()
+    bench.terminal.type("G53G1X-390F3000")
+    stops: list[StopReport] = []
+    bench.at_in(after_s, lambda: stops.append(bench.gantry.stop()))
+    with pytest.raises(StoppedError):
+        bench.gantry.connect()
+    assert stops[0].confirmed
+    assert not bench.machine.planner.running
+    assert bench.truth[0] > -150.0
+    bench.gantry.close()
+    assert bench.gantry.connect().kind
+
+
+def test_stop_while_the_port_is_being_opened_goes_by_that_port() -> None:  # 19
+    bench = Bench(GRBL_1_1)
+    opening, go_on = threading.Event(), threading.Event()
+    open_port = bench.gantry._open_port
+
+    def slowly(wanted: GrblSettings) -> SerialPort:
+        assert not opening.is_set()  # nobody could open it twice
+        opening.set()
+        assert go_on.wait(10.0)
+        return open_port(wanted)
+
+    bench.gantry._open_port = slowly
+    outcome: list[StopReport | HardwareError] = []
+
+    def connect() -> None:
+        try:
+            bench.gantry.connect()
+        except StoppedError as error:
+            outcome.append(error)
+
+    connecting = threading.Thread(target=connect)
+    connecting.start()
+    assert opening.wait(10.0)
+    stopping = threading.Thread(target=lambda: outcome.append(bench.gantry.stop()))
+    stopping.start()
+    go_on.set()
+    connecting.join(30.0)
+    stopping.join(30.0)
+    assert b"!" in bench.bytes_written()
+    (report,) = (each for each in outcome if isinstance(each, StopReport))
+    assert report.sent_at_s is not None
+
+
 def test_stop_without_a_connection_opens_the_port_for_itself() -> None:  # 19
     bench = Bench(GRBL_1_1)
     bench.terminal.home()
@@ -260,6 +311,33 @@ def test_hung_firmware_ends_in_a_time_out(dialect: Dialect, doing: str) -> None:
     with pytest.raises(HardwareError):
         actions[doing]()
     assert bench.clock.now_s() - began_s < (15.0 if doing != "home" else 200.0)
+
+
+@pytest.mark.parametrize("dialect", BOTH, ids=name_of)
+@pytest.mark.parametrize("doing", ["move", "jog", "connect"])
+def test_firmware_that_hangs_between_a_line_and_its_ok_ends_in_a_time_out(dialect: Dialect, doing: str) -> None:  # 21
+    bench = Bench(dialect)
+    gantry = bench.homed()
+    take = bench.machine.take_output
+
+    def taken() -> list[tuple[float, bytes]]:
+        out = take()
+        if any(data == b"ok\r\n" for _, data in out):
+            bench.machine.apply_fault(Fault(FaultKind.HANG, at_s=0.0))
+            return []
+        return out
+
+    bench.machine.take_output = taken  # type: ignore[method-assign]  # the fault is in the machine's voice
+    actions = {
+        "move": lambda: gantry.move_to(*PLACE),
+        "jog": lambda: gantry.jog(-5.0, 0.0, 0.0),
+        "connect": gantry.connect,
+    }
+    began_s = bench.clock.now_s()
+    with pytest.raises(HardwareError):
+        actions[doing]()
+    assert bench.machine.hung
+    assert bench.clock.now_s() - began_s < 15.0
 
 
 @pytest.mark.parametrize("dialect", BOTH, ids=name_of)

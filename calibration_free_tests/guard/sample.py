@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from drivers.combined import CombinedRig, one_after_another
+from drivers.combined import CombinedRig
+from drivers.stopping_all import one_after_another
 from rig.devices import Clock, Triple
 from rig.guard import Box, Event, Guard, Offers, Rules, State
 from rig.hal import AxisLimits, RigLimits, RigPose

@@ -122,17 +122,20 @@ class TwoClients(RuleBasedStateMachine):
     def reference(self, axis: str, value: float) -> None:
         self.timed(lambda: self.guard.reference(axis, value))
 
+    @rule(axis=st.sampled_from(["theta_deg", "zoom", "x_mm"]))
+    def reboot(self, axis: str) -> None:
+        self.timed(lambda: self.guard.reboot(axis))
+
     @rule()
     def recover(self) -> None:
         """What a person does once everything has gone wrong."""
         for device in self.bench.devices:
             device.replug()
             device.get_stuck(False)
-        for axis in (self.bench.pan, self.bench.zoom):
-            axis.overheated = False
         for name in ("release", "resume", "close", "connect"):
             self.attempt(getattr(self.guard, name))
         for axis in ("theta_deg", "zoom"):
+            self.attempt(lambda axis=axis: self.guard.reboot(axis))
             self.attempt(lambda axis=axis: self.guard.reference(axis, 0.5))
         for name in ("unlock", "home"):
             self.attempt(getattr(self.guard, name))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import math
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,9 @@ import pytest
 
 from calibration_free_tests.guard.sample import MODEL, RULES, START, TRAVEL, Bench, at, bench, homed
 from calibration_free_tests.rigs.conformance import RigConformance
-from rig.devices import Motion
+from rig.devices import Motion, Picture
 from rig.errors import HardwareError, UnreachableError
-from rig.guard import BusyError, HeldError, RefusedError, State, StoppedError, table_markdown
+from rig.guard import BusyError, HeldError, RefusedError, State, StoppedError, link, table_markdown
 from rig.hal import AXES, Rig, RigPose
 
 SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
@@ -628,6 +630,35 @@ def test_a_torque_policy_that_could_not_be_followed_is_told_at_the_end() -> None
     with pytest.raises(HardwareError, match=r"(?s)1 of 4 devices did not close.*pan: .*torque could not be released"):
         made.guard.close()
     assert not any(device.connected for device in made.devices)
+    made.guard.close()
+
+
+def test_a_camera_that_hangs_does_not_keep_the_bench_from_being_closed(monkeypatch: pytest.MonkeyPatch) -> None:  # 32
+    made = homed()
+    asked, freed = threading.Event(), threading.Event()
+
+    def hang(after_s: float) -> Picture:
+        asked.set()
+        assert freed.wait(30.0)
+        raise HardwareError("no picture came")
+
+    monkeypatch.setattr(made.camera, "capture", hang)
+    monkeypatch.setattr(link, "PATIENCE_S", 0.05)
+
+    def capture() -> None:
+        with suppress(HardwareError):
+            made.guard.capture()
+
+    capturing = threading.Thread(target=capture)
+    capturing.start()
+    assert asked.wait(30.0)
+    with pytest.raises(HardwareError, match=r"a capture does not end: all devices were closed under it\. Look at"):
+        made.guard.close()
+    assert not any(device.connected for device in made.devices)
+    assert not made.pan.torque
+    freed.set()
+    capturing.join(30.0)
+    assert made.guard.state is State.DISCONNECTED
     made.guard.close()
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from calibration_free_tests.guard.sample import at, bench, homed
-from drivers.combined import in_threads
+from drivers.stopping_all import in_threads
 from rig.clock import SystemClock
 from rig.devices import StopReport
 from rig.errors import HardwareError

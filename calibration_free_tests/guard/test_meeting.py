@@ -15,9 +15,9 @@ import pytest
 from calibration_free_tests.guard.real_time import grbl_settings
 from calibration_free_tests.guard.sample import bench
 from calibration_free_tests.guard.wired import config
-from drivers.combined import in_threads
 from drivers.grbl import GrblGantry
 from drivers.serial_ports import resolve_port
+from drivers.stopping_all import in_threads
 from rig.bench import BenchConfig, Device
 from rig.bench.port_place import place_of
 from rig.clock import SystemClock

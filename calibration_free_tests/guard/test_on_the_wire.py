@@ -104,6 +104,10 @@ class OnTheWire(RuleBasedStateMachine):
     def command(self, name: str) -> None:
         self.timed(getattr(self.guard, name))
 
+    @rule(axis=st.sampled_from(["theta_deg", "zoom"]))
+    def reboot(self, axis: str) -> None:
+        self.timed(lambda: self.guard.reboot(axis))
+
     @rule()
     def recover(self) -> None:
         for name in ("release", "resume", "close"):

@@ -16,8 +16,8 @@ import pytest
 
 from calibration_free_tests.guard.sample import START, Bench, at, bench, homed
 from calibration_free_tests.guard.test_guard import in_a_moment
-from drivers import combined
-from drivers.combined import in_threads
+from drivers import stopping_all
+from drivers.stopping_all import in_threads
 from rig.clock import SystemClock
 from rig.devices import Identity, StopReport
 from rig.errors import HardwareError, RigError
@@ -269,7 +269,7 @@ def test_a_servo_that_is_slow_to_stop_does_not_delay_the_gantry(monkeypatch: pyt
 
 
 def test_a_device_whose_stop_never_returns_is_told_and_the_others_are_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(combined, "STOP_S", 0.05)
+    monkeypatch.setattr(stopping_all, "STOP_S", 0.05)
     made, never = homed(stops=in_threads), threading.Event()
     monkeypatch.setattr(made.zoom, "stop", lambda: never.wait(SOON_S))
     report = made.guard.stop()

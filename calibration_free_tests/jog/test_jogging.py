@@ -268,6 +268,21 @@ def test_an_alarm_that_keeps_the_place_can_be_unlocked(tmp_path: Path) -> None:
         assert (s.state, s.told[-1]) == (State.IDLE, ("done", "unlocked: idle"))
 
 
+def test_a_servo_with_a_hardware_error_can_be_rebooted_and_referenced(tmp_path: Path) -> None:
+    with session(tmp_path) as s:
+        s.made.pan.overheat()
+        assert eventually(lambda: s.state is State.ALARM)
+        s.jogger.reboot("x")
+        s.rest()
+        assert s.told[-1] == ("refused", "rebooting: x is no servo. Type pan or zoom")
+        s.jogger.reboot("pan")
+        s.rest()
+        assert (s.state, s.told[-1]) == (State.UNHOMED, ("done", "pan is rebooted: unhomed"))
+        s.jogger.reference("theta=15")
+        s.rest()
+        assert s.state is State.IDLE
+
+
 def test_an_error_that_nobody_foresaw_is_shown_and_the_session_goes_on(tmp_path: Path) -> None:
     with session(tmp_path) as s:
         good = s.made.camera.scene

@@ -26,7 +26,7 @@ from rig.jog.prompts import MarkList, Prompt
 # textual-image 0.12 asks Pillow for pixels in a way that Pillow 14 will not have; the extra `jog` keeps below that.
 pytestmark = pytest.mark.filterwarnings("ignore:Image.Image.getdata is deprecated:DeprecationWarning")
 
-PROMPTS = ("g", "h", "l")
+PROMPTS = ("g", "h", "l", "b")
 """Keys of a prompt that is typed into, of one that asks yes or no, and of the list."""
 Script = Callable[[Session, JogApp, Pilot[None]], Awaitable[None]]
 
@@ -215,6 +215,19 @@ def test_homing_is_asked_for_and_done(tmp_path: Path) -> None:
         assert s.state is State.IDLE
 
     play(tmp_path, script, homed=False)
+
+
+def test_b_asks_which_servo_and_reboots_it(tmp_path: Path) -> None:
+    async def script(s: Session, app: JogApp, pilot: Pilot[None]) -> None:
+        assert "B reboot" in text_of(app, "keys")
+        s.made.zoom.overheat()
+        assert eventually(lambda: s.state is State.ALARM)
+        await typed(s, app, pilot, "b", *"zoom", "enter")
+        assert s.state is State.UNHOMED
+        await typed(s, app, pilot, "f", *"zoom=0.4", "enter")
+        assert s.state is State.IDLE
+
+    play(tmp_path, script)
 
 
 def test_c_keeps_a_picture_in_the_grid(tmp_path: Path) -> None:

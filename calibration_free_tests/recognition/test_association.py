@@ -243,6 +243,19 @@ def test_an_open_focal_length_is_found_with_the_shift(tower: ObjectModel, true_s
             assert np.abs(found.shift_px[0, 0] - [24.0, -12.0]).max() <= 12.0
 
 
+def test_of_two_scales_that_bring_parts_onto_detections_the_one_that_fits_their_size_is_better(
+    tower: ObjectModel,
+) -> None:
+    """A single part is brought to its place by any scale; only at one of them will it then be matched."""
+    base = base_of(tower)
+    pairs = one_expected(world_of(base), WINDOW, 1)
+    about = WINDOW.mean(axis=0)
+    parts = [outline(about + 1.2 * (WINDOW - about) + [20.0, 0.0], 1.0)]
+    scale = OpenScale(np.array([1.0, 1.2]), np.array([True]), about[None])
+    found = vote_shift(pairs, view(base, parts), 1, np.array([60.0]), scale=scale)
+    assert found.scale[0, 0] == 1.2
+
+
 def test_where_there_is_no_further_way_it_says_so(tower: ObjectModel) -> None:
     base = base_of(tower)
     pairs = expecting(world_of(base), tower)

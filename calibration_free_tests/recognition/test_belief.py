@@ -23,12 +23,13 @@ from calibration_free_tests.recognition.synthetic import (
     true_rows,
     world_of,
 )
+from recognition import belief as belief_module
 from recognition.belief import Belief, challengers, rivals, thin, update, weigh
 from recognition.geometry import CameraPose, Pose4
 from recognition.hypotheses import Hypotheses, join
 from recognition.seen import Seen
 from recognition.settings import Effort
-from recognition.tracking import World
+from recognition.tracking import World, look_in
 
 BASE = three_buildings()
 CAMERAS = [
@@ -124,6 +125,25 @@ def test_a_wrong_first_view_is_overcome_later(world: World) -> None:
     assert early.by_object(3).argmax() == 2
     _, late = believed(world, views, effort)
     assert late.probability[true_rows(late.hypotheses, views[-1], 1, CAMERAS[-1], 30.0)].sum() > 0.95
+
+
+def test_the_fewer_places_are_left_the_more_ways_each_is_looked_for_in_a_new_view(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def look(*args: object, modes: int = 1, **rest: object) -> Hypotheses:
+        asked.append(modes)
+        return look_in(*args, modes=modes, **rest)  # type: ignore[arg-type]  # passed on as they come
+
+    monkeypatch.setattr(belief_module, "look_in", look)
+    views, most = views_of(1, CAMERAS[:2]), []
+    before = update(world, None, views[:1], Effort())
+    for kept in (10, 40, 60):
+        asked.clear()
+        update(world, before.take(np.arange(kept)), views, Effort(refined=100))
+        most.append(asked[0])
+    assert most == [4, 2, 1]
 
 
 def test_a_dropped_place_comes_back_when_it_explains_what_is_seen(world: World) -> None:

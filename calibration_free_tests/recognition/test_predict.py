@@ -23,7 +23,7 @@ from calibration_free_tests.recognition.synthetic import (
 from recognition.belief import Belief
 from recognition.geometry import CameraPose, Mount, rotation_y
 from recognition.hypotheses import Hypotheses
-from recognition.predict import Prediction, distances, information_bits, only, predict, sample
+from recognition.predict import Prediction, distances, information_bits, predict, sample
 from recognition.seen import Seen
 from recognition.tracking import World
 from rig.hal import RigPose
@@ -139,13 +139,6 @@ def test_the_lever_arm_of_the_mount_is_taken_into_account(situation: tuple[World
     rng = np.random.default_rng(0)
     moved = predict(world, belief, views, [there], [0], arm, most=40, rng=rng)
     assert np.array_equal(moved.expected, predicted(situation, ELSEWHERE[:1]).expected)
-
-
-def test_some_of_the_candidates_are_as_in_the_whole(situation: tuple[World, Belief, list[Seen]]) -> None:
-    whole = predicted(situation, ELSEWHERE)
-    part = only(whole, np.array([2, 0]))
-    assert np.array_equal(part.expected, whole.expected[[2, 0]])
-    assert np.array_equal(part.pictures[1].cells, whole.pictures[0].cells)
 
 
 def test_a_sample_keeps_the_most_probable_and_all_of_the_probability() -> None:

@@ -24,6 +24,7 @@ from calibration_free_tests.recognition.synthetic import (
     visible,
     world_of,
 )
+from recognition import tracking
 from recognition.belief import Belief
 from recognition.geometry import CameraPose, Pose4
 from recognition.hypotheses import Hypotheses, no_matches
@@ -91,6 +92,41 @@ def test_an_empty_view_speaks_against_who_expects_parts_and_not_without_end() ->
     assert odds[0] < -3.0
     assert odds[1] == 0.0
     assert odds[0] >= -WORLD.rates.view_cap
+
+
+def at_the_border(inside_px: float) -> CameraPose:
+    """A camera to whose frame's left border the outermost part of the front comes so near, to half a pixel."""
+    for x_mm in np.arange(300.0, 420.0, 0.5):
+        camera = before_front(float(x_mm))
+        left = min(
+            float(pixels_of(part.corners_mm, camera)[:, 0].min()) for part, _ in visible(BASE.objects[0], camera)
+        )
+        if abs(left - inside_px) < 0.5:
+            return camera
+    raise AssertionError("no such camera")
+
+
+def test_a_part_at_the_border_is_not_lost_by_a_fit_that_puts_it_beyond() -> None:
+    camera = at_the_border(4.6)
+    views = [seen_from(BASE, BASE.objects[0], camera)]
+    hypotheses = at_truth(views)
+    hypotheses.internals[:, :, 2] -= 3.9
+    found = score_view(WORLD, hypotheses, views, 0)
+    matched = {WORLD.layout.part_ids[p] for p in found.matches[0].part[0] if p >= 0}
+    assert matched == {part.id for part, _ in visible(BASE.objects[0], camera)}
+
+
+def test_a_part_that_may_show_at_the_border_and_does_not_is_no_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    lens = INTERNALS - [0.0, 0.0, 9.0, 0.0]
+    views = [seen_from(BASE, BASE.objects[0], at_the_border(4.6), internals=lens)]
+    hypotheses = at_truth(views)
+    hypotheses.internals[:, :, 2] = lens[2]
+    # What tells that the view's internals are no guess any more is that something was matched in it.
+    hypotheses = score_view(WORLD, hypotheses, views, 0)
+    doubted = score_view(WORLD, hypotheses, views, 0)
+    monkeypatch.setattr(tracking, "_BORDER_PX", -2.0)
+    sure = score_view(WORLD, hypotheses, views, 0)
+    assert doubted.odds[0, 0] == pytest.approx(sure.odds[0, 0], abs=0.02)
 
 
 @pytest.mark.parametrize(("scale", "zoom"), [(0.75, 0.2), (0.9, 0.5), (1.0, 0.5), (1.1, 0.5), (1.4, 0.9)])

@@ -78,13 +78,14 @@ def complain_of_limits(settings: DynamixelSettings, setup: Setup) -> str:
     return ""
 
 
-def complaint_of(state: ServoState, *, rebooted: bool, referenced: bool) -> str:
-    """What is wrong and what to do about it; empty where nothing is."""
+def complaint_of(state: ServoState, kind: str, *, rebooted: bool, referenced: bool) -> str:
+    """What is wrong with the servo of a ``pan`` or a ``zoom``, and what to do about it; empty where nothing is."""
     if state.hardware_error:
         names = [name for bit, name in SHUT_DOWN_BY.items() if state.hardware_error & bit]
         return (
             f"reports {' and '.join(names) or 'a hardware error'} (0x{state.hardware_error:02x}, "
-            f"{state.temperature_c:.0f} °C, {state.voltage_v:.1f} V). Remove the cause, then reboot it"
+            f"{state.temperature_c:.0f} °C, {state.voltage_v:.1f} V). Remove the cause, then reboot it "
+            f"(`rig home --reboot {kind}`)"
         )
     if rebooted:
         return "has rebooted and lost its count of turns. Reference it"

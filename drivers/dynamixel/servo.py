@@ -166,7 +166,7 @@ class Servo:
 
     def complaint(self, state: ServoState) -> str:
         """What is wrong, for people; empty where nothing is."""
-        text = complaint_of(state, rebooted=self.rebooted, referenced=self.turns is not None)
+        text = complaint_of(state, self.settings.role.kind, rebooted=self.rebooted, referenced=self.turns is not None)
         return text and f"{self.name} {text}"
 
     def refuse_trouble(self, state: ServoState) -> None:

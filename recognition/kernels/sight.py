@@ -70,7 +70,8 @@ def sight(
             if facing <= 0.0 or depth <= 1e-6:
                 continue
             u, v = fx * (c * x + s * z) + u0 * depth, fy * y + v0 * depth
-            if not (0.0 < u < width * depth and 0.0 < v < height * depth):
+            beyond = max(0.0, -margin_px) * depth
+            if not (-beyond < u < width * depth + beyond and -beyond < v < height * depth + beyond):
                 continue
             away = max(np.sqrt(x * x + y * y + z * z), 1e-9)
             if facing <= least_cosine * away:

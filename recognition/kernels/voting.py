@@ -15,6 +15,8 @@ IntArray = npt.NDArray[np.int64]
 
 SIZE_TOLERANCE = 0.3
 """Largest difference of the logs of width, or of height."""
+UNLIKE_COST = 0.5
+"""How much less a detection votes that is off in size by as much as that."""
 FAR_COST, SCALE_COST, CENTRE_BONUS = 0.4, 0.3, 0.5
 """Of equal votes the smaller shift is the likelier, and so is the smaller change of scale; votes in one cell count more
 than those spread over neighbours."""
@@ -125,17 +127,19 @@ def _part_votes(
         dx, dy = seen_middle[d, 0] - x, seen_middle[d, 1] - y
         if abs(dx) > reach or abs(dy) > reach:
             continue
-        if abs(log_seen[d, 0] - log_wide) >= SIZE_TOLERANCE or abs(log_seen[d, 1] - log_tall) >= SIZE_TOLERANCE:
+        unlike = max(abs(log_seen[d, 0] - log_wide), abs(log_seen[d, 1] - log_tall)) / SIZE_TOLERANCE
+        if unlike >= 1.0:
             continue
+        loud = loudness[d] * (1.0 - UNLIKE_COST * unlike)
         r, c = int(np.rint(dy / bin_px)) + half, int(np.rint(dx / bin_px)) + half
         if last[r, c] < 0:
             touched[used, 0], touched[used, 1] = r, c
             used += 1
         if last[r, c] != n:
             last[r, c], part_vote[r, c] = n, 0.0
-        if loudness[d] > part_vote[r, c]:
-            votes[r, c] += loudness[d] - part_vote[r, c]
-            part_vote[r, c] = loudness[d]
+        if loud > part_vote[r, c]:
+            votes[r, c] += loud - part_vote[r, c]
+            part_vote[r, c] = loud
     return used
 
 

@@ -59,10 +59,9 @@ class PaperPolicy:
             return _least_rotation(situation)
         situation = situation.fewer()
         forest = Forest.of(situation)
-        leaves = [leaf for top in forest.tops if (leaf := forest.best_leaf(int(top), self.max_levels)) is not None]
-        if not leaves:
+        best = forest.best(self.max_levels)
+        if best is None:
             return None
-        best = min(leaves, key=lambda leaf: (leaf.weight, leaf.rotation_deg))
         k = best.path[0]
         return Move(
             situation.candidates[k],
@@ -110,7 +109,7 @@ class Forest:
         cameras, internals = cameras_at(world, hypotheses, views, candidates, groups, mount)
         expected = expect(world, hypotheses, cameras, internals, views[-1].image_size)
         _, start, member = np.unique(label, return_index=True, return_inverse=True)
-        tops = _most_probable(weight, member)
+        tops = most_probable(weight, member)
         near = CENTRAL * views[-1].image_size[0]
         total = len(world.layout.part_ids)
         look = world.layout.part_class
@@ -128,6 +127,11 @@ class Forest:
     def left(self, kept: BoolArray) -> IntArray:
         """Interpretations left ``(...,)`` where hypotheses ``(..., M)`` are kept."""
         return np.asarray(np.logical_or.reduceat(kept, self.start, axis=-1).sum(axis=-1))
+
+    def best(self, max_levels: int) -> Leaf | None:
+        """The best of the best leaves of all trees."""
+        leaves = [leaf for top in self.tops if (leaf := self.best_leaf(int(top), max_levels)) is not None]
+        return min(leaves, key=lambda leaf: (leaf.weight, leaf.rotation_deg), default=None)
 
     def best_leaf(self, top: int, max_levels: int) -> Leaf | None:
         """The leaf of least weight, then least rotation, in the tree of one interpretation; uniform-cost search."""
@@ -177,7 +181,7 @@ def _labels(situation: Situation) -> IntArray:
     return np.asarray(np.where(place >= 0, place, total + situation.belief.hypotheses.object_of))
 
 
-def _most_probable(weight: FloatArray, member: IntArray) -> IntArray:
+def most_probable(weight: FloatArray, member: IntArray) -> IntArray:
     """Filter 1: a hypothesis of each of the most probable interpretations; area priors tie many of them."""
     mass = np.bincount(member, weights=weight)
     tied = np.flatnonzero(mass >= mass.max() * (1.0 - 1e-6))[:_MOST_TIED]

@@ -10,7 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivers.combined import NAMES, CombinedRig, in_threads
+from drivers.combined import CombinedRig
+from drivers.rig_status import NAMES
+from drivers.stopping_all import in_threads
 from rig.bench.config import BenchConfig
 from rig.bench.drivers import Maker, make_devices
 from rig.bench.live import LiveBenchFile

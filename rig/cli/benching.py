@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,17 +21,30 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 
+
+class Servo(StrEnum):
+    """What the bench's servos do."""
+
+    PAN = "pan"
+    ZOOM = "zoom"
+
+
+AXIS_OF = {Servo.PAN: "theta_deg", Servo.ZOOM: "zoom"}
+
 Bench = Annotated[Path, typer.Argument(metavar="BENCH", help="The bench file of a live bench.", show_default=False)]
 X = Annotated[float | None, typer.Option("--x-mm", help="Rig frame. [default: stay]", show_default=False)]
 Y = Annotated[float | None, typer.Option("--y-mm", help="Rig frame. [default: stay]", show_default=False)]
 Z = Annotated[float | None, typer.Option("--z-mm", help="Rig frame. [default: stay]", show_default=False)]
 Theta = Annotated[float | None, typer.Option("--theta-deg", help="Pan. [default: stay]", show_default=False)]
 Zoom = Annotated[float | None, typer.Option("--zoom", help="0 to 1. [default: stay]", show_default=False)]
+Reboot = Annotated[
+    list[Servo] | None, typer.Option(help="First reboot this servo, which has a hardware error.", show_default=False)
+]
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    app.command(epilog=example("rig home bench.yaml", "rig home bench.yaml --theta-deg 0"))(home)
+    app.command(epilog=example("rig home bench.yaml", "rig home bench.yaml --reboot pan --theta-deg 0"))(home)
     app.command(epilog=example("rig move bench.yaml --x-mm 120 --theta-deg 15", "rig move bench.yaml --by --z-mm -5"))(
         move
     )
@@ -38,14 +52,23 @@ def register(app: typer.Typer) -> None:
     app.command(epilog=example("rig capture bench.yaml --out grids/by-hand --home --x-mm 100"))(capture)
 
 
-def home(bench: Bench, theta_deg: Theta = None, zoom: Zoom = None, as_json: Json = False) -> None:
+def home(
+    bench: Bench,
+    theta_deg: Theta = None,
+    zoom: Zoom = None,
+    reboot: Reboot = None,
+    as_json: Json = False,
+) -> None:
     """Home the gantry. --theta-deg and --zoom say where the pan and the zoom ring stand, if they do not know it.
 
-    Exit code 1 if they still do not: no pose can be gone to then.
+    Exit code 1 if they still do not: no pose can be gone to then. A servo with a hardware error is rebooted with
+    --reboot, once it is cool and the cause is removed; it then no longer knows where it stands.
 
     See that the way to the switches is free: homing passes no keep-out check.
     """
     with _connected(bench) as (guard, asked):
+        for servo in reboot or ():
+            guard.reboot(AXIS_OF[servo])
         # A controller that has just been switched on is locked, and nothing can be referenced in alarm.
         guard.home()
         for axis, value in (("theta_deg", theta_deg), ("zoom", zoom)):

@@ -96,7 +96,7 @@ def _limits(seen: Seen) -> Finding:
 
 
 def _health(seen: Seen) -> Finding:
-    complaint = complaint_of(seen.reading.state, rebooted=False, referenced=True)
+    complaint = complaint_of(seen.reading.state, seen.subject, rebooted=False, referenced=True)
     return _judged(seen, "hardware error", complaint, "none")
 
 

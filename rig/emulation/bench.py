@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from drivers.camera_settings import CameraSettings
-from drivers.combined import one_after_another
 from drivers.draining import InlineDrain
 from drivers.dynamixel import DynamixelAxis, DynamixelBus, DynamixelSettings
 from drivers.grbl import GrblGantry
 from drivers.grbl_settings import GrblSettings
 from drivers.opencv_camera import OpenCvCamera
 from drivers.serial_link import READ_SLICE_S
+from drivers.stopping_all import one_after_another
 from rig.bench import BenchConfig, Device, open_live
 from rig.clock import SystemClock
 from rig.devices import Clock

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 from drivers.combined import CombinedRig
-from rig.devices import Clock, Identity, Motion, Picture, StopReport
+from rig.devices import Clock, Identity, Picture, StopReport
 from rig.errors import HardwareError, UnreachableError
 from rig.guard import remedies
 from rig.guard.activity import HOMED_OR_NOT, Activities
+from rig.guard.by_hand import ByHand
 from rig.guard.errors import RefusedError
 from rig.guard.link import Companion, Link
 from rig.guard.machine import Machine
@@ -67,6 +67,7 @@ class Guard:
         self._activities = Activities(rig, self._machine, self._watch, clock)
         self._link = Link(rig, self._machine, self._watch, latch, company)
         self._stopping = Stopping(rig, self._machine, self._watch, latch)
+        self._by_hand = ByHand(rig, rules, self._machine, self._watch)
         self._sequence = 0
 
     # What is known.
@@ -258,15 +259,7 @@ class Guard:
             HardwareError: this alarm cannot be left so, and what to do instead.
             StoppedError, RefusedError: not now.
         """
-        with self._machine.alone("unlocking"):
-            self._machine.refuse(Event.UNLOCK)
-            gantry = self._watch.ask().gantry
-            if gantry is not None and gantry.motion is Motion.ALARM:
-                self._rig.unlock()
-            self._watch.fault = ""
-            # A servo that has stopped itself (its watchdog) is enabled again with the next move.
-            self._watch.let_go()
-            self._machine.go(Event.UNLOCK, self._watch.found(self._watch.ask()))
+        self._by_hand.unlock()
         return self.state
 
     def reference(self, axis: str, value: float) -> State:
@@ -276,21 +269,26 @@ class Guard:
             UnreachableError: not within the axis's limits.
             RefusedError, HardwareError: not now; no such axis; the axis refuses.
         """
-        if axis not in self._rig.axes:
-            raise RefusedError(f"this bench has no axis {axis!r} to reference. It has {', '.join(self._rig.axes)}")
-        refuse_outside(replace(_middle(self.rules.travel), **{axis: value}), self.rules.travel)
-        with self._machine.alone("referencing"):
-            self._machine.refuse(Event.REFERENCE)
-            self._rig.reference(axis, value)
-            self._watch.let_go(axis)
-            self._machine.go(Event.REFERENCE, self._watch.found(self._watch.ask()))
+        self._by_hand.reference(axis, value)
+        return self.state
+
+    def reboot(self, axis: str) -> State:
+        """On a person's request: reboot the servo of an axis that reports a hardware error, once its cause is removed.
+
+        Its torque is then off, and where it stands is not known until `reference`.
+
+        Raises:
+            RefusedError: not now; no such axis; it reports no hardware error.
+            StoppedError, HardwareError: STOP is latched; it does not come back.
+        """
+        self._by_hand.reboot(axis)
         return self.state
 
     def close(self) -> None:
         """Close all devices, each following its torque policy; what is under way is held first. Safe to call twice.
 
         Raises:
-            HardwareError: a device could not be closed as its policy says.
+            HardwareError: a device could not be closed as its policy says, or what was under way did not end.
         """
         if self.running:
             self.hold()
@@ -375,7 +373,3 @@ class Guard:
 
 def _told(pose: RigPose) -> str:
     return ", ".join(f"{axis} {getattr(pose, axis):g}" for axis in AXES)
-
-
-def _middle(limits: RigLimits) -> RigPose:
-    return RigPose(*((getattr(limits, axis).lower + getattr(limits, axis).upper) / 2 for axis in AXES))

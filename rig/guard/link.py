@@ -14,6 +14,9 @@ from rig.guard.machine import Machine
 from rig.guard.states import Event, State
 from rig.guard.watch import StopLatch, Watch
 
+PATIENCE_S = 5.0
+"""How long a command that does not end, for a camera that hangs, say, keeps the bench from being closed; real time."""
+
 Companion = Callable[[Any], AbstractContextManager[object]]
 """Takes the guard, and is entered before the devices are connected and left after they are closed."""
 
@@ -61,11 +64,13 @@ class Link:
                 raise
 
     def close(self) -> None:
-        """Close all devices, each following its torque policy.
+        """Close all devices, each following its torque policy: also under a command that does not come back.
 
         Raises:
-            HardwareError: a device could not be closed as its policy says.
+            HardwareError: a device could not be closed as its policy says, or a command is still under way.
         """
+        if self._machine.others_running() and not self._machine.wait_for_end(PATIENCE_S):
+            self._close_under(self._machine.running)
         with self._machine.alone("closing"):
             try:
                 self._watch.remember()
@@ -73,6 +78,11 @@ class Link:
             finally:
                 if self._machine.state not in (State.DISCONNECTED, State.STOPPED):
                     self._machine.go(Event.CLOSE, State.DISCONNECTED)
+
+    def _close_under(self, what: str) -> None:
+        # Its torque off, and its ports given back, a bench is safe to leave; that command finds nobody to talk to.
+        self._disconnect()
+        raise HardwareError(f"{what} does not end: all devices were closed under it. Look at the camera and the links")
 
     def _take_up(self, before: object) -> None:
         """Connect the devices; a STOP that came since the one ``before`` may have found some not connected yet."""

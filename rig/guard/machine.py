@@ -186,10 +186,14 @@ class Machine:
                 raise StoppedError("another STOP came while the first was being released. Release it again")
             self._set(Event.RELEASE, target)
 
+    def others_running(self) -> bool:
+        """Another thread's command is under way."""
+        running = self._running
+        return running is not None and running.thread != threading.get_ident()
+
     def others_in_motion(self) -> bool:
         """Another thread's command may still move something."""
-        running = self._running
-        return running is not None and running.thread != threading.get_ident() and self._state in IN_MOTION
+        return self.others_running() and self._state in IN_MOTION
 
     def wait_for_end(self, seconds: float) -> bool:
         """Wait, in real time, until no command is under way; False if one still is."""

@@ -30,6 +30,7 @@ class Event(enum.Enum):
     CAPTURE = "capture"
     REFERENCE = "reference"
     UNLOCK = "unlock"
+    REBOOT = "reboot"
     RESUME = "resume"
     RELEASE = "release"
     DONE = "done"
@@ -75,6 +76,7 @@ TABLE: tuple[Transition, ...] = (
     Transition(_S.HELD, _E.RESUME, _REST),
     Transition(_S.HELD, _E.FIND, (_S.DISCONNECTED,)),
     Transition(_S.ALARM, _E.UNLOCK, _REST),
+    Transition(_S.ALARM, _E.REBOOT, _REST),
     Transition(_S.ALARM, _E.HOME, (_S.MOVING,)),
     Transition(_S.ALARM, _E.FIND, (_S.DISCONNECTED,)),
     # Connecting what is connected opens the camera anew, and nothing else.

@@ -7,7 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.combined import CombinedRig, RigStatus
+from drivers.combined import CombinedRig
+from drivers.rig_status import RigStatus
 from rig.devices import Clock, Identity, Motion, StopReport, Triple
 from rig.errors import HardwareError
 from rig.guard import remedies

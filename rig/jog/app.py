@@ -65,6 +65,7 @@ class JogApp(App[None]):
         Binding("h,H", "home"),
         Binding("f,F", "reference"),
         Binding("u,U", "unlock"),
+        Binding("b,B", "reboot"),
         Binding("n,N", "connect"),
         Binding("r", "resume"),
         Binding("R", "release"),
@@ -184,6 +185,11 @@ class JogApp(App[None]):
     def action_unlock(self) -> None:
         """Leave an alarm."""
         self._confirm("Unlock?", "Look first what raised the alarm, or why the move failed.", self._jogger.unlock)
+
+    def action_reboot(self) -> None:
+        """Ask which servo, and reboot it."""
+        hint = "pan or zoom, once it is cool. It has let go, and F must tell it where it stands"
+        self._ask("Reboot which servo?", hint, self._jogger.reboot)
 
     def action_connect(self) -> None:
         """Connect again."""

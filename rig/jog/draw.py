@@ -154,8 +154,8 @@ def keys(steps: Mapping[str, float], preview: bool) -> Text:
             number += 1
         sizes.append(f"{unit or 'zoom'}   ", _DIM)
     rows = [
-        "G go to  C capture  M mark  L marks  H home  F reference  U unlock  N connect",
-        "Ctrl-C hold  R resume  Shift-R release STOP  Q quit" + ("  P preview" if preview else ""),
+        "G go to  C capture  M mark  L marks  H home  F reference  U unlock  B reboot",
+        "N connect  ^C hold  R resume  Shift-R release  Q quit" + ("  P preview" if preview else ""),
     ]
     lines = [Text("  ").join(_key(entry) for entry in row.split("  ")) for row in rows]
     lines[-1].append("  ").append(" SPACE: STOP ", "bold white on red")

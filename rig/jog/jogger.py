@@ -19,7 +19,7 @@ from rig.guard import Guard, GuardStatus, State
 from rig.hal import RigLimits, RigPose
 from rig.jog.keeping import HandGrid
 from rig.jog.marks import Marks
-from rig.jog.places import SHORT, UNITS, shown, typed_pose, typed_reference
+from rig.jog.places import SHORT, UNITS, shown, typed_pose, typed_reference, typed_servo
 from rig.jog.worker import Command, Trigger, Worker
 from rig.table import plain
 
@@ -191,6 +191,10 @@ class Jogger:
     def reference(self, text: str) -> None:
         """Say where the pan or the zoom stands: ``theta=0``."""
         self._do("referencing", lambda: f"{text}: {self._guard.reference(*typed_reference(text)).value}")
+
+    def reboot(self, text: str) -> None:
+        """Reboot a servo that reports a hardware error: ``pan`` or ``zoom``."""
+        self._do("rebooting", lambda: f"{text} is rebooted: {self._guard.reboot(typed_servo(text)).value}")
 
     def resume(self) -> None:
         """Let motion be commanded again after a hold."""

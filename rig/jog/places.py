@@ -40,6 +40,18 @@ def typed_reference(text: str) -> tuple[str, float]:
     return axis, value
 
 
+def typed_servo(text: str) -> str:
+    """The axis of a servo as typed: ``pan`` (or ``theta``), or ``zoom``.
+
+    Raises:
+        InputError: it is neither.
+    """
+    axis = _NAMES.get(text.strip().lower())
+    if axis not in ("theta_deg", "zoom"):
+        raise InputError(f"{text.strip()} is no servo", remedy="Type pan or zoom")
+    return axis
+
+
 def shown(pose: RigPose) -> str:
     """``x 120.000  y -30.000  z 10.000 mm  theta 15.000°  zoom 0.500``."""
     x, y, z = pose.x_mm, pose.y_mm, pose.z_mm
