@@ -37,6 +37,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return scripted_steps()
 
     monkeypatch.setitem(sys.modules, "recognition.recogniser", SimpleNamespace(recognise=recognise))
+    # Whatever was compiled before: it must neither take the scripted loop for its own nor keep it.
+    monkeypatch.setattr(recognising, "compile_first", lambda: None)
     monkeypatch.setattr(recognising, "chosen", lambda option, name, group: name)
     return seen
 
