@@ -10,7 +10,7 @@ import typer
 from rig.cli.help import example
 
 if TYPE_CHECKING:
-    import threading
+    from queue import SimpleQueue
 
     from rig.bench import BenchConfig
     from sim_backends.camera_pictures import Pictures
@@ -71,21 +71,22 @@ def emulate(
         path = running.file_for(bench_out or Path(folder) / "bench.yaml")
         if bench_out is None:
             print(path.read_text(encoding="utf-8"), end="", flush=True)
-        ended = _asked_to_end()
+        asked = _asked_to_end()
         typer.echo(f"emulating {bench}: use {path}; Ctrl-C ends it", err=True)
         sys.stderr.flush()
-        ended.wait()
+        asked.get()
 
 
-def _asked_to_end() -> threading.Event:
-    """Set by Ctrl-C or a SIGTERM from now on, which is how this command ends well."""
+def _asked_to_end() -> SimpleQueue[int]:
+    """Gets Ctrl-C and SIGTERM from now on, which is how this command ends well."""
     import signal
-    import threading
+    from queue import SimpleQueue
 
-    ended = threading.Event()
+    # An Event would not do: its lock may be held by who waits for it, in the midst of whom the handler runs.
+    asked: SimpleQueue[int] = SimpleQueue()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    return ended
+        signal.signal(number, lambda got, _: asked.put(got))
+    return asked
 
 
 def _view(config: BenchConfig, object_id: str | None, models: str, grid: Path | None, seed: int) -> Pictures:
