@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from recognition.geometry import rotation_y
-from recognition.hypotheses import Hypotheses, best, join, no_matches
+from recognition.hypotheses import Hypotheses, best, join, no_matches, refine
 from recognition.mending import mended
 from recognition.proposals import propose
 from recognition.relatives import log_odds_of_relatives
@@ -155,7 +155,8 @@ def _fresh(world: World, views: list[Seen], effort: Effort, most: int, source: i
         fresh = look_in(world, fresh, views, k)
         if k == others[0] and len(others) > 1:
             fresh = thin(rescore(world, fresh, views, (k, source)), views[-1], max(1, most // _TELLS))
-    return settle(world, fresh, views)
+    # Found by votes, views are matched coarsely; settling would lose what a fit has not brought into its gates.
+    return settle(world, refine(world.layout, fresh, views, world.priors(views[source].image_size)), views)
 
 
 def challengers(world: World, views: list[Seen], effort: Effort) -> Hypotheses:

@@ -40,6 +40,9 @@ _BEYOND_COST = 40.0
 """What a hypothesis pays, in -2 log, for parts outside of the bench's range of distances."""
 _BORDER_PX = 12.0
 """A part that is expected so far beyond the frame may show in it, fits being what they are, for 1,280 px width."""
+_VOTED_PX, _VOTED_SHARE = 18.0, 0.45
+"""A vote is as coarse as its cells and as the steps of the scale: in px for 1,280 px width, whatever a part's size is,
+but for this share of it, beyond which its neighbour may be meant."""
 _SCALE_STEP, _SCALE_SLACK = 1.17, 1.2
 """At a zoom setting seen for the first time, focal lengths are tried in such steps, and so far beyond the range."""
 
@@ -192,17 +195,22 @@ def match_view(
     loose: float,
     internals: FloatArray | None = None,
     foremost: bool = False,
+    voted: bool = False,
 ) -> Hypotheses:
     """Match one view within a gate of ``loose`` times a part's size, seen through ``internals`` ``(H, 4)`` if given.
 
-    ``foremost``: as for ``match``.
+    ``foremost``: as for ``match``; ``voted``: the internals are what parts have voted for, and as coarse.
     """
     seen = views[view]
     if internals is None:
         internals = expected_internals(world, hypotheses, views, view)
     pairs = expected_parts(world, hypotheses, views, view, internals)
     sd = expected_sd(world, pairs, internals)
-    matching = match(world.layout, pairs, seen, part_gate(pairs, loose, sd), foremost=foremost)
+    gate = part_gate(pairs, loose, sd)
+    if voted:
+        coarse = _VOTED_PX * seen.image_size[0] / 1280.0
+        gate = np.maximum(gate, np.minimum(coarse, part_gate(pairs, _VOTED_SHARE, np.zeros(len(sd)))))
+    matching = match(world.layout, pairs, seen, gate, foremost=foremost)
     found = gather(matching, seen, len(hypotheses), sd)
     matches = list(hypotheses.matches)
     matches[view] = found
@@ -346,4 +354,6 @@ def look_in(world: World, hypotheses: Hypotheses, views: list[Seen], view: int, 
     internals = guess[rows]
     internals[:, :2] *= found.scale[rows, which, None]
     internals[:, 2:] += found.shift_px[rows, which]
-    return match_view(world, hypotheses.take(rows), views, view, loose=0.25, internals=internals, foremost=True)
+    return match_view(
+        world, hypotheses.take(rows), views, view, loose=0.25, internals=internals, foremost=True, voted=True
+    )
