@@ -8,6 +8,7 @@ from calibration_free_tests.doctor.sample import HEALTHY_FIRMWARE
 from calibration_free_tests.gantry.simulated_bench import settings as gantry_settings
 from drivers.camera_locks import Lock
 from drivers.camera_settings import CameraSettings
+from drivers.dynamixel.settings import ZoomRole, position_at
 from drivers.frame_checks import PictureLook
 from drivers.grbl_settings import GrblAxis
 from rig.doctor import Verdict
@@ -88,6 +89,20 @@ def test_frame_rates_are_held_against_what_was_asked(
 
 def test_a_control_that_the_device_lacks_is_a_fault_only_where_a_value_is_told() -> None:
     lacking = (Lock("focus", held=False, value=None, trouble="the device offers no such control"),)
-    source = "http://127.0.0.1:1/emulated"
+    source = "/dev/v4l/by-path/pci-0-usb-0:1:1.0-video-index0"
     assert check_locks(lacking, CameraSettings(source=source)).ok is Verdict.PASS
     assert check_locks(lacking, CameraSettings(source=source, focus=3.0)).ok is Verdict.FAIL
+
+
+def test_what_an_http_camera_does_with_its_exposure_cannot_be_seen_and_is_no_fault() -> None:
+    lacking = [Lock(name, False, None, "the device offers no such control") for name in ("exposure", "focus")]
+    found = check_locks(lacking, CameraSettings(source="http://camera.local/stream.mjpg", exposure_s=0.01))
+    assert found.ok is Verdict.PASS
+    assert "set the exposure in the camera itself to 0.01 s" in found.told
+
+
+def test_an_axis_at_the_end_of_its_travel_reads_as_there_though_no_tick_lies_there() -> None:
+    role = ZoomRole(kind="zoom", table=((0.0, -60.0), (1.0, 60.0)))
+    end = role.ticks_at(-60.0)
+    assert position_at(role, round(end)) == 0.0
+    assert position_at(role, end - 5.0) < 0.0

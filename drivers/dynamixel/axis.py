@@ -18,7 +18,7 @@ from drivers.dynamixel.checks import load_of
 from drivers.dynamixel.halting import halt
 from drivers.dynamixel.motion import Leg, move
 from drivers.dynamixel.servo import Servo, StoppedError
-from drivers.dynamixel.settings import DynamixelSettings
+from drivers.dynamixel.settings import DynamixelSettings, position_at
 from drivers.dynamixel.table import MOST_TURNS, TICKS_PER_TURN, ServoState
 from drivers.serial_link import LinkLostError
 from rig.devices import AxisStatus, Clock, Identity, Motion, StopReport
@@ -265,13 +265,7 @@ class DynamixelAxis:
         return self.settings.role.ticks_at(self.settings.role.to_angle_deg(position))
 
     def _position(self, ticks: float) -> float:
-        role = self.settings.role
-        angle_deg = role.angle_deg_at(ticks)
-        position = role.to_position(angle_deg)
-        end = min(max(position, role.lower), role.upper)
-        # An end of the travel lies between two ticks: an axis that was sent there must not read as beyond it, where no
-        # move may begin or end, and where there is no zoom setting. By more than a tick it is really beyond.
-        return end if abs(role.ticks_at(role.to_angle_deg(end)) - ticks) <= 1.0 else position
+        return position_at(self.settings.role, ticks)
 
     def _refuse_unreachable(self, position: float) -> None:
         role = self.settings.role

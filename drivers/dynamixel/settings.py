@@ -134,6 +134,17 @@ class ZoomRole(_Geared):
 Role = Annotated[PanRole | ZoomRole, Field(discriminator="kind")]
 
 
+def position_at(role: Role, ticks: float) -> float:
+    """Position at so many ticks, turns counted in.
+
+    An end of the travel lies between two ticks: an axis that was sent there must not read as beyond it, where no move
+    may begin or end, and where there is no zoom setting. By more than a tick it is really beyond.
+    """
+    position = role.to_position(role.angle_deg_at(ticks))
+    end = min(max(position, role.lower), role.upper)
+    return end if abs(role.ticks_at(role.to_angle_deg(end)) - ticks) <= 1.0 else position
+
+
 class DynamixelSettings(_Strict):
     """A Dynamixel servo (protocol 2.0) as pan axis or zoom ring.
 

@@ -112,6 +112,11 @@ def _not_fresh(error: HardwareError) -> list[Finding]:
 
 def check_locks(locks: Sequence[Lock], settings: CameraSettings) -> Finding:
     """Exposure, white balance, focus and gain stay as they are, or the bench file says that they need not."""
+    if settings.kind == "http":
+        told_s = (
+            "" if settings.exposure_s is None else f" to {settings.exposure_s:g} s, which the bench file counts with"
+        )
+        return passed("camera", "locks", f"cannot be seen over HTTP: set the exposure in the camera itself{told_s}")
     told = {
         "exposure": ("exposure_s", settings.exposure_s),
         "white_balance": ("white_balance_k", settings.white_balance_k),

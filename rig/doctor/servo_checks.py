@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from drivers.dynamixel.checks import complain_of_limits, complain_of_mode, complain_of_traps, complaint_of
 from drivers.dynamixel.reading import ServoReading
-from drivers.dynamixel.settings import DynamixelSettings
+from drivers.dynamixel.settings import DynamixelSettings, position_at
 from drivers.dynamixel.table import MODELS, STATE_LENGTH, TICKS_PER_TURN, VELOCITY_DEG_PER_S, model_named
 from rig.doctor.finding import Finding, failed, in_two, passed, warned
 
@@ -162,7 +162,7 @@ def _position(seen: Seen) -> Finding:
     if turns is None:
         told = "not referenced since its power was off: say where it stands (`rig home --theta-deg`, `--zoom`)"
         return passed(seen.subject, "position", told)
-    position = role.to_position(role.angle_deg_at(state.position + turns * TICKS_PER_TURN))
+    position = position_at(role, state.position + turns * TICKS_PER_TURN)
     if not role.lower <= position <= role.upper:
         return warned(
             seen.subject,
