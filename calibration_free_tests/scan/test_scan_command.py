@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -131,8 +132,17 @@ def test_resuming_takes_what_is_missing_and_says_so(
 
 
 def test_resuming_where_nothing_was_begun_begins(tmp_path: Path, plan: Path, grid: Path) -> None:
+    (tmp_path / "scan").mkdir()
     assert run(plan, "--grid", grid, "--out", tmp_path / "scan", "--resume") == 0
     assert len(read_grid(tmp_path / "scan").frames) == 36
+
+
+def test_resuming_in_a_folder_that_is_not_there_is_refused_and_makes_none(
+    tmp_path: Path, plan: Path, grid: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(plan, "--grid", grid, "--out", tmp_path / "mispelt", "--resume") == 2
+    assert "there is no such folder" in capsys.readouterr().err
+    assert not (tmp_path / "mispelt").exists()
 
 
 def test_another_plan_or_bench_is_refused_and_nothing_changed(
@@ -153,7 +163,7 @@ def test_another_plan_or_bench_is_refused_and_nothing_changed(
 
     bench.write_text("schema: 1\nkind: mock\ntiming: {settle_s: 1}\n")
     assert run(plan, "--grid", grid, "--bench", bench, "--out", out, "--resume") == 2
-    assert "begun with another bench" in capsys.readouterr().err
+    assert re.search(r"begun with another bench .*; what differs is timing", capsys.readouterr().err)
     bench.write_text("schema: 1  # the same\nkind: mock\n")
 
     other = write_grid(tmp_path / "other", lattice(), suffix=".jpg")

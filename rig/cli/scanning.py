@@ -61,7 +61,7 @@ def scan(
     """
     from rig.bench import default_bench_for_grid, load_bench, open_rig
     from rig.errors import InputError
-    from rig.scan import load_plan
+    from rig.scan import ScanRecord, load_plan, refuse_other_scan
 
     plan = load_plan(plan_file)
     if bench is None and grid is None:
@@ -70,6 +70,9 @@ def scan(
         raise InputError("which scan is to go on?", where="--resume", remedy="Name its folder with --out")
     config = load_bench(bench) if bench is not None else default_bench_for_grid(grid or Path())
     folder = out or Path("grids") / f"{datetime.now():%Y%m%d-%H%M%S}_{plan_file.stem}"
+    if resume:
+        # Before the bench is taken and homed: what can be seen from here should cost nobody a minute.
+        refuse_other_scan(folder, ScanRecord.of(config, grid, plan, datetime.now(UTC)))
     with open_rig(config, grid) as rig:
         session = Session(rig, config, grid, plan, folder, resume, sys.stderr if as_json else sys.stdout)
         if home:

@@ -6,7 +6,7 @@ A scan's folder *is* an image grid, with ``scan.yaml`` beside it (docs/formats.m
 from rig.scan.order import OneSided, all_legs, serpentine
 from rig.scan.plan import ScanPlan, load_plan
 from rig.scan.preflight import Estimate, estimate, preflight, refuse_small_disk
-from rig.scan.record import ScanRecord, bench_digest, open_scan_folder
+from rig.scan.record import ScanRecord, bench_digest, open_scan_folder, refuse_other_scan
 from rig.scan.runner import Finish, Scan, Target, numbered
 from rig.scan.store import BackgroundStore, FrameStore
 
@@ -27,6 +27,7 @@ __all__ = [
     "numbered",
     "open_scan_folder",
     "preflight",
+    "refuse_other_scan",
     "refuse_small_disk",
     "serpentine",
 ]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -35,6 +36,7 @@ class ScanRecord(BaseModel):
     version: Annotated[Literal[1], Field(alias="schema")] = 1
     bench: str
     bench_sha256: Digest
+    bench_told: Annotated[dict[str, Any], Field(description="To name what differs; the digest decides.")] = {}
     plan: str
     plan_sha256: Digest
     poses: Annotated[int, Field(ge=1)]
@@ -46,6 +48,7 @@ class ScanRecord(BaseModel):
         return ScanRecord(
             bench=bench.name,
             bench_sha256=bench_digest(bench, grid),
+            bench_told=bench_told(bench),
             plan=plan.name,
             plan_sha256=plan.sha256,
             poses=len(plan.poses),
@@ -53,10 +56,23 @@ class ScanRecord(BaseModel):
         )
 
 
+def bench_told(bench: BenchConfig) -> dict[str, Any]:
+    """What a bench file says of the bench: all but by which ports it is reached today."""
+    told: dict[str, Any] = bench.file.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude={"grid"})
+    for device in told.get("devices", {}).values():
+        device.pop("port", None)
+        if "source" in device:
+            # A loopback camera's port is a new one each time that its server is started.
+            device["source"] = _LOOPBACK.sub(r"\1", device["source"])
+    return told
+
+
+_LOOPBACK = re.compile(r"^(https?://(?:127\.0\.0\.1|localhost|\[::1\])):\d+")
+
+
 def bench_digest(bench: BenchConfig, grid: Path | None = None) -> str:
     """SHA-256 of what a bench file says (not of how it is written), and of the manifest of the grid that it serves."""
-    told = bench.file.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude={"grid"})
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(bench_told(bench), sort_keys=True).encode())
     served = grid or bench.grid
     if served is not None and (served / MANIFEST).is_file():
         digest.update((served / MANIFEST).read_bytes())
@@ -91,7 +107,7 @@ def open_scan_folder(
     lock = hold_folder(folder, disk)
     try:
         if resume and (folder / RECORD).exists():
-            _refuse_others(folder, record)
+            refuse_other_scan(folder, record)
         else:
             _refuse_full(folder, resume)
             write_whole(disk, folder / RECORD, yaml_of(record).encode())
@@ -104,20 +120,43 @@ def open_scan_folder(
     return GridWriter(folder, info, grow=True, retake_damaged=True, lock=lock, disk=disk, progress=progress)
 
 
-def _refuse_others(folder: Path, record: ScanRecord) -> None:
+def refuse_other_scan(folder: Path, record: ScanRecord) -> None:
+    """Look whether a scan can go on in a folder, before anything moves.
+
+    Raises:
+        InputError: there is no such folder, or it holds another bench's or plan's scan; names the keys that differ.
+    """
+    if not folder.is_dir():
+        raise InputError("there is no such folder", where=str(folder), remedy="Name the folder of the scan to resume")
     path = folder / RECORD
+    if not path.exists():
+        return
     found = load_model(path, ScanRecord, BENCH_MAX_BYTES)
     for what, theirs, ours, named in (
         ("bench", found.bench_sha256, record.bench_sha256, found.bench),
         ("plan", found.plan_sha256, record.plan_sha256, found.plan),
     ):
         if theirs != ours:
+            keys = _differing(found.bench_told, record.bench_told) if what == "bench" and found.bench_told else []
+            of = f"; what differs is {', '.join(keys)}" if keys else ""
             raise InputError(
                 f"the scan in this folder was begun with another {what} ({named}, SHA-256 {theirs[:12]}...; "
-                f"this one {ours[:12]}...)",
+                f"this one {ours[:12]}...){of}",
                 where=str(path),
                 remedy=f"Resume with the {what} that it was begun with, or name another folder",
             )
+
+
+def _differing(theirs: Any, ours: Any, key: str = "") -> list[str]:
+    """Keys, with dots, under which two mappings say something else."""
+    if not (isinstance(theirs, dict) and isinstance(ours, dict)):
+        return [] if theirs == ours else [key]
+    names = [*theirs, *(name for name in ours if name not in theirs)]
+    return [
+        found
+        for name in names
+        for found in _differing(theirs.get(name), ours.get(name), f"{key}.{name}" if key else str(name))
+    ]
 
 
 def _refuse_full(folder: Path, resume: bool) -> None:
